@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from jointid import JointIdError, MotionRecord
 from jointid.phasors.coherence import coherence, coherent_band
@@ -237,3 +238,19 @@ def test_lines_without_gaps_or_at_even_numbers_give_no_distortion(excited: list[
 def test_noise_is_the_difference_between_periods(samples: int) -> None:
     with pytest.raises(JointIdError, match="does not repeat"):
         levels(rng(18).normal(size=(samples, 4)))
+
+
+def test_coherence_of_one_motor_is_that_of_scipy_less_what_chance_explains() -> None:
+    """18 half-overlapping segments: one of them is explained by chance."""
+    tau, theta = rng(21).normal(size=(2, 4000, 1))
+    tau[1:-1] += 0.5 * np.diff(theta, 2, axis=0)
+    found = coherence(record(theta, tau))
+    signals = np.diff(theta[:, 0], 2), tau[1:-1, 0]
+    settings = {"fs": RATE_HZ, "window": np.hanning(400), "nperseg": 400}
+    frequency, share = signal.coherence(*signals, **settings)
+    _, power = signal.welch(signals[0], **settings)
+    np.testing.assert_allclose(found.frequency_hz, frequency[2:-1])
+    expected = np.clip(1 - (1 - share[2:-1]) * 18 / 17, 0, 1)
+    np.testing.assert_allclose(found.coherence[:, 0], expected, atol=1e-9)
+    angle = power[2:-1] / np.sin(np.pi * frequency[2:-1] / RATE_HZ) ** 4
+    np.testing.assert_allclose(found.above_floor[:, 0], angle / np.median(angle[148:]), rtol=1e-9)

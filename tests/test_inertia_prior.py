@@ -263,3 +263,45 @@ def test_start_values_need_no_inertias() -> None:
     np.testing.assert_allclose(start["M2"][0], SERIAL.M2[np.tril_indices(2)], rtol=0.05)
     two = InertiaPrior.of([SERIAL, PARALLELOGRAM] * 7, *phasors.q.shape, inertia_std=0.1)
     assert without_inertias(phasors, two) is None
+
+
+def prior_of_two_poses() -> InertiaPrior:
+    """Two records each of two poses, whose M2 differ; the coupling of the second is small."""
+    first = Inertia([1.0, 2.0], [[4.0, 1.0], [1.0, 9.0]])
+    second = Inertia([1.0, 2.0], [[16.0, 0.12], [0.12, 1.0]])
+    each = [first, first, second, second]
+    return InertiaPrior.of(each, 4, 2, inertia_std=0.1, torque_std=0.02)
+
+
+def test_uncertain_inertias_are_blocks_of_the_parameters() -> None:
+    """A coupling is uncertain by a share of itself, and at least of a tenth of what both arms allow."""
+    prior = prior_of_two_poses()
+    blocks = prior.blocks()
+    assert list(blocks) == ["M", "M2", "torque_scale"]
+    (mean, std), (arms, errors), (scale, gain) = blocks.values()
+    np.testing.assert_allclose([mean[0], std[0]], [[1.0, 2.0], [0.1, 0.2]])
+    np.testing.assert_allclose(arms, [[4.0, 1.0, 9.0], [16.0, 0.12, 1.0]])
+    np.testing.assert_allclose(errors, [[0.4, 0.1, 0.9], [1.6, 0.04, 0.1]])
+    np.testing.assert_allclose([scale, gain], [[1.0, 1.0], [0.02, 0.02]])
+    np.testing.assert_allclose(prior.covariance("M"), np.diag([0.01, 0.04]))
+    np.testing.assert_allclose(prior.covariance("M2"), np.diag(errors.ravel() ** 2))
+    np.testing.assert_array_equal(prior.pose, [0, 0, 1, 1])
+    np.testing.assert_array_equal(prior.of_rows(np.array([3, 0])).pose, [1, 0])
+    assert not InertiaPrior.of(Inertia([1.0], [[1.0]]), 2, 1).blocks()
+
+
+def test_a_usual_link_is_as_flexible_as_its_mode_above_the_free_resonance() -> None:
+    """J/ω² with ω² = times² · K (1/M + 1/M2), of the mean of all poses, whose coupling bounds J."""
+    prior = prior_of_two_poses()
+    mean = np.array([[10.0, 0.56], [0.56, 5.0]])
+    unit = np.sqrt(np.diag(mean))
+    rest = np.linalg.eigvalsh(mean / np.outer(unit, unit))[0]
+    share = prior.link_inertia / np.diag(mean)
+    assert share[0] == pytest.approx(share[1])
+    assert share[0] == pytest.approx(min(rest / 2, 0.2))
+    free = 50.0 * (1 / np.array([1.0, 2.0]) + 1 / np.diag(mean))
+    np.testing.assert_allclose(
+        prior.link_std(np.array([50.0, -50.0]), 3.0), prior.link_inertia / (9.0 * free)
+    )
+    coupled = InertiaPrior.of(Inertia([1.0, 2.0], [[1.0, 0.8], [0.8, 1.0]]), 1, 2)
+    np.testing.assert_allclose(coupled.link_inertia, 0.1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.files.digest import study_digest
+from jointid.phasors.fitted_sine import SineFit
 from jointid.phasors.long_records import LongRecord, joined
 from jointid.phasors.sine_fit import fit_sines
 from jointid.simulation.experiment import Excitation
@@ -174,3 +176,58 @@ def test_noise_slower_than_a_part_is_in_the_error() -> None:
         seen.append(abs(fit.fundamental[0] - 1) ** 2)
     assert np.mean(claimed) == pytest.approx(np.mean(seen), rel=0.4)
     assert fit.degrees_of_freedom == 7
+
+
+def part_of(blocks: np.ndarray, middle_s: float = 0.0) -> SineFit:
+    """Fit of a part from the phasors of its blocks, shape (b, 2n), as the scatter of blocks gives it."""
+    mean, count = blocks.mean(axis=0), len(blocks)
+    deviations = (blocks - mean) / count
+    covariance = count / (count - 1) * deviations.T @ deviations.conj()
+    zero = np.zeros(mean.size)
+    return SineFit(mean, mean[None], zero, zero, middle_s, deviations, covariance[None], count - 1)
+
+
+def test_parts_of_equal_blocks_have_the_scatter_of_all_blocks() -> None:
+    """As if the record had been fitted as a whole: mean, deviations, covariance, degrees of freedom."""
+    rng = np.random.default_rng(2)
+    blocks = rng.standard_normal((3, 5, 2)) + 1j * rng.standard_normal((3, 5, 2))
+    fits = [
+        replace(part_of(each), middle_s=10.0 + k, offset=np.array([1.0 + 2 * k, 0.0]))
+        for k, each in enumerate(blocks)
+    ]
+    found, whole = joined(fits, [500] * 3), part_of(blocks.reshape(15, 2))
+    np.testing.assert_allclose(found.fundamental, whole.fundamental)
+    np.testing.assert_allclose(found.harmonics, whole.harmonics)
+    np.testing.assert_allclose(found.deviations, whole.deviations)
+    np.testing.assert_allclose(found.covariance, whole.covariance)
+    assert found.degrees_of_freedom == whole.degrees_of_freedom == 14
+    assert found.middle_s == pytest.approx(11.0)
+    np.testing.assert_allclose([found.offset, found.drift], [[3.0, 0.0], [2.0, 0.0]], atol=1e-12)
+
+
+def test_longer_parts_count_more() -> None:
+    rng = np.random.default_rng(3)
+    fits = [part_of(rng.standard_normal((6, 2)).astype(complex), t) for t in (1.0, 3.0)]
+    found = joined(fits, [300, 100])
+    expected = 0.75 * fits[0].fundamental + 0.25 * fits[1].fundamental
+    np.testing.assert_allclose(found.fundamental, expected)
+    assert found.middle_s == pytest.approx(1.5)
+    np.testing.assert_allclose(found.deviations.sum(axis=0), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("apart", "slow"), [(1.0, False), (30.0, True)])
+def test_parts_further_apart_than_their_blocks_have_the_scatter_of_the_parts(
+    apart: float, slow: bool
+) -> None:
+    """Four parts of five blocks; of the second channel they do not differ."""
+    block = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    level = apart * np.array([-1.0, 1.0, -1.0, 1.0]) / 5
+    fits = [part_of(np.column_stack([x + block, block]).astype(complex), t) for t, x in enumerate(level)]
+    found = joined(fits, [10] * 4)
+    variance = np.diag(found.covariance[0]).real
+    of_parts = 4 / 3 * np.sum((level / 4) ** 2)
+    of_blocks = 20 / 19 * np.sum(np.add.outer(level, block) ** 2) / 20**2
+    assert variance[0] == pytest.approx(of_parts if slow else of_blocks)
+    assert variance[1] == pytest.approx(20 / 19 * 4 * 10 / 20**2)
+    assert found.degrees_of_freedom == (3 if slow else 19)
+    assert np.allclose(found.covariance[0], found.covariance[0].conj().T)

@@ -18,7 +18,7 @@ from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
 from jointid.estimation.motion_noise import noise_differs, with_torque_noise
 from jointid.gears.motor_motion import MotorMotion
-from jointid.motion.arm_motion import DrivenArms
+from jointid.motion.arm_motion import DrivenArms, _directions
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Waveforms
 from jointid.motion.end_terms import EndTerms, row_groups
@@ -30,12 +30,15 @@ from jointid.motion.friction import (
     _slow,
     friction_waveforms,
     gear_torque_of,
+    seen_angles,
     with_load,
 )
-from jointid.motion.noise import _non_negative
-from jointid.motion.reversals import _stretches, _transforms
+from jointid.motion.noise import _non_negative, repeated_variances
+from jointid.motion.reversals import _polynomials, _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
-from jointid.motion.spectral_lines import SpectralLines, _continued, _gain
+from jointid.motion.spectra import motion_phasors
+from jointid.motion.spectral_lines import SpectralLines, _continued, _gain, _rounding
+from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.periods import phasors_of, samples_of
 from jointid.phasors.segment import Motors, Segment
 from jointid.small_matrices import whitener
@@ -700,3 +703,141 @@ def test_noise_is_sought_where_free_friction_leaves_equations(monkeypatch: pytes
     assert left[1] == "E"
     sines = phasors.select(np.array([0]))
     assert motion_noise.with_noise(sines, prior, None, estimate) is sines  # type: ignore[arg-type]
+
+
+# --- known answers of small signals
+
+
+def test_a_constant_velocity_is_exact_at_every_sample() -> None:
+    for samples in (64, 97, 101):
+        angle = np.array([[3.0, -0.5]]).T * 0.01 * np.arange(samples) + 7.0
+        velocity, noise, _ = smooth_velocity(angle, 0.01, np.full(2, 1e-10))
+        np.testing.assert_allclose(velocity, np.array([[3.0], [-0.5]]) * np.ones(samples), rtol=1e-9)
+        assert np.all(noise < 1e-3)
+
+
+@pytest.mark.parametrize(("least", "moves"), [(0.4, True), (0.6, False)])
+def test_the_direction_of_an_arm_is_a_square_wave_unless_it_rests(least: float, moves: bool) -> None:
+    """Three periods of a sine: its odd multiples have 4/π over their order, with their phases."""
+    N, H = 1200, 40
+    segment: Any = SimpleNamespace(highest=H, samples=N, least_velocity=np.array([least]))
+    velocity = np.sin(2 * np.pi * 3 * np.arange(N) / N + 0.3)
+    found = _directions(segment, velocity[None])[:, 0]
+    expected = np.zeros(H, complex)
+    for order in (1, 3, 5, 7, 9, 11, 13):
+        expected[3 * order - 1] = moves * 4 / np.pi / order * np.exp(0.3j * order)
+    np.testing.assert_allclose(found, expected, atol=1e-2)
+
+
+def moving_arm(coulomb: float, noise: float, damping: float = 0.1) -> tuple[Any, DrivenArms, np.ndarray]:
+    """A segment of one motor of two sines, noise of its torque, and the velocity of its arm."""
+    step, N, s = 1e-3, 500, 2j * np.pi * np.array([6.0, 17.0])
+    K, M2, motor = 50.0, 4e-3, np.array([0.1, 0.03j])
+    arm = (K + s * damping) * motor / (s * s * M2 + K + s * damping)
+    waves = np.exp(np.outer(s, step * np.arange(N)))
+    speed, torque, moved = (
+        (each @ waves).imag[None] for each in (motor * s, (K + s * damping) * (motor - arm), arm * s)
+    )
+    torque = torque + noise * np.random.default_rng(7).standard_normal(torque.shape)
+    segment = SimpleNamespace(
+        samples=N, highest=30, interval_s=step, velocity=speed, torque_variance=np.full(1, noise**2),
+        gear_torque=lambda *_: torque,
+    )  # fmt: skip
+    one = np.ones(1)
+    arms = DrivenArms(K * one, damping * one, coulomb * one, 0 * one, M2 * np.eye(1), 0 * np.eye(1))
+    return segment, arms, moved
+
+
+def test_an_arm_without_friction_moves_as_the_torque_through_its_gear_says() -> None:
+    segment, arms, moved = moving_arm(0.0, 0.0)
+    found = arms.velocities(segment, None)  # type: ignore[arg-type]
+    finer = 2  # thirty points per period of the highest bin
+    assert found.shape == (1, finer * 499 + 1)
+    np.testing.assert_allclose(found[:, ::finer][:, 100:-1], moved[:, 100:-1], atol=0.01)
+
+
+def test_an_arm_with_friction_follows_its_motor_where_its_torque_is_noisy() -> None:
+    """Unless it is unstable: then the measured torque alone tells."""
+    segment, arms, moved = moving_arm(1e-9, 0.05)
+    found = arms.velocities(segment, None)[:, ::2]  # type: ignore[arg-type]
+    plain = replace(arms, coulomb=np.zeros(1)).velocities(segment, None)[:, ::2]  # type: ignore[arg-type]
+    inside = slice(20, -20)
+    off, by_torque = (np.abs(each - moved)[:, inside].max() for each in (found, plain))
+    assert off < 0.3 * by_torque
+    segment, arms, _ = moving_arm(1e-9, 0.05, damping=-0.01)
+    np.testing.assert_array_equal(
+        arms.velocities(segment, None),  # type: ignore[arg-type]
+        replace(arms, coulomb=np.zeros(1)).velocities(segment, None),  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-5, 1e4])
+def test_rounding_that_ten_periods_share_counts_nine_times_more(size: float) -> None:
+    """A variance of step²/12; of a drift or without steps it is none."""
+    phase = 2 * np.pi * np.arange(1000) / 100
+    step = size * 2 * np.pi / 4096
+    periodic = step * np.rint(20 * np.sin(phase) + 7.3 * np.sin(2 * phase))
+    drifting = step * np.rint(20 * np.sin(phase) + 0.371234 * np.arange(1000))
+    exact = size * np.sin(phase)
+    part: Any = SimpleNamespace(theta=np.stack([periodic, exact]))
+    found = repeated_variances([part])
+    assert found[0] == pytest.approx(9 * step**2 / 12, rel=1e-6)
+    assert found[1] == 0
+    alone = repeated_variances([SimpleNamespace(theta=drifting[None])])  # type: ignore[list-item]
+    assert alone[0] < 0.5 * found[0]
+
+
+def test_rounding_of_a_fast_motion_is_white_and_that_of_a_slow_one_is_not() -> None:
+    T, N, step = 1e-3, 4000, 1e-3
+    t, f = T * np.arange(N), np.arange(2.0, 40.0, 1 / (N * T))
+    rng = np.random.default_rng(9)
+    fast = sum(np.sin(2 * np.pi * (h * t + rng.random())) for h in range(5, 35))
+    np.testing.assert_allclose(_rounding(step * np.rint(fast / step), f, T), step**2 / 12)
+    long, low = T * np.arange(4 * N), np.arange(0.5, 2.0, 0.25 / (N * T))
+    slow = step * np.rint(3.2 * np.sin(2 * np.pi * 0.5 * long))
+    found = _rounding(slow, low, T)
+    assert found.shape == low.shape
+    assert found[0] > 10 * step**2 / 12
+    assert not _rounding(fast, f, T).any()
+    np.testing.assert_allclose(_rounding(8 * slow, low, T), 64 * found)
+
+
+@pytest.mark.parametrize(("power", "seen"), [(5.9, False), (6.1, True)])
+def test_harmonics_of_six_times_their_noise_are_seen(power: float, seen: bool) -> None:
+    """The fundamental always is."""
+    covariance = np.zeros((1, 3, 2, 2), complex)
+    covariance[..., 0, 0] = 4e-6
+    z = np.full((1, 3, 2), np.sqrt(power * 4e-6) * 1j)
+    z[:, 0] = 0.0
+    phasors: Any = SimpleNamespace(n=1, harmonic_covariance=covariance, harmonics=z)
+    variance, found = seen_angles(phasors)
+    np.testing.assert_allclose(variance, 4e-6)
+    assert found[0, :, 0].tolist() == [True, seen, seen]
+
+
+def test_polynomials_of_a_joint_do_not_depend_on_the_other_joints() -> None:
+    slow = [np.array([[3, 40], [70, 95]]), np.array([[10, 35]]), np.array([[0, 25], [50, 75]])]
+    inside = np.ones(30)
+    inside[:2] = 0.0
+    together = list(_polynomials(slow, 120, inside, 20))
+    for j, own in enumerate(slow):
+        for found, alone in zip(together, _polynomials([own], 120, inside, 20), strict=True):
+            assert found[j].shape[1] > 0 or not alone[0].shape[1]
+            np.testing.assert_allclose(found[j], alone[0], atol=1e-12)
+            assert not found[j][:2].any()
+
+
+@pytest.mark.parametrize(("joints", "highest_hz", "count"), [(2, 200.0, 4), (3, 200.0, 8), (3, 60.0, 4)])
+def test_segments_of_more_than_two_joints_are_shorter_in_wide_bands(
+    joints: int, highest_hz: float, count: int
+) -> None:
+    """2.5 s, or as many as hold 1600 equations: in ten seconds up to 200 Hz, eight of three joints."""
+    rng, time = np.random.default_rng(3), np.arange(10_000) / 1000
+    lines = np.zeros((5001, joints), complex)
+    inside = slice(100, int(10 * highest_hz))
+    lines[inside] = complex_noise(rng, inside.stop - 100, joints) / np.arange(100, inside.stop)[:, None]
+    theta = 1e4 * np.fft.irfft(lines, axis=0)
+    tau = np.gradient(np.gradient(theta, time, axis=0), time, axis=0)
+    record = MotionRecord(time, theta, tau, torque_hold=False, band_hz=(10.0, highest_hz))
+    phasors = motion_phasors([record], np.ones((1, joints)))
+    assert len([each for each in phasors.segments if each is not None]) == count

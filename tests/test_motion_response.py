@@ -223,3 +223,48 @@ def test_errors_are_those_of_a_held_torque_and_of_a_fine_encoder(
     off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
     assert off.max() < 4
     assert np.sqrt(np.mean(off**2)) > least
+
+
+@pytest.mark.parametrize(("angle", "torque"), [(2.0**10, 1.0), (1.0, 2.0**-9)])
+def test_units_of_angle_and_torque_only_scale_the_response_and_its_error(
+    angle: float, torque: float
+) -> None:
+    """A controller answers white noise of the angles; powers of two leave every digit."""
+    rng, records = np.random.default_rng(4), []
+    for seed in (1, 2):
+        plain = record(1, seed)
+        noise = 2e-4 * rng.standard_normal(plain.theta_rad.shape)
+        answer = 500.0 * noise + 1e-2 * rng.standard_normal(noise.shape)
+        records.append(replace(plain, theta_rad=plain.theta_rad + noise, tau_Nm=plain.tau_Nm - answer))
+    scaled = [
+        replace(each, theta_rad=angle * each.theta_rad, tau_Nm=torque * each.tau_Nm) for each in records
+    ]
+    found, other = motion_transfer_matrix(records), motion_transfer_matrix(scaled)
+    ratio = angle / torque
+    assert found.omega.size > 10
+    np.testing.assert_allclose(other.omega, found.omega, rtol=1e-12)
+    np.testing.assert_allclose(other.H, ratio * found.H, rtol=1e-9)
+    np.testing.assert_allclose(other.standard_deviation, ratio * found.standard_deviation, rtol=1e-6)
+    np.testing.assert_allclose(other.condition, found.condition)
+
+
+def test_motions_of_unlike_joints_are_refused() -> None:
+    with pytest.raises(JointIdError, match="all of the same joints"):
+        motion_transfer_matrix([record(1, 1), record(2, 1)])
+
+
+def test_the_velocity_under_friction_knows_the_rounding_of_the_encoder(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A step has a variance of its square over twelve."""
+    step, asked = 2 * np.pi / 4096, []
+
+    def velocity(theta: Floats, interval_s: float, floor: Floats) -> tuple[Floats]:
+        asked.append(floor)
+        return (np.gradient(theta, interval_s, axis=1),)
+
+    monkeypatch.setattr("jointid.transfer_matrix.smooth_velocity", velocity)
+    plain = record(1, 1)
+    coarse = replace(plain, theta_rad=step * np.rint(5 * plain.theta_rad / step))
+    motion_transfer_matrix([coarse], viscous=1e-9)
+    np.testing.assert_allclose(asked, [[step**2 / 12]])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from fnmatch import fnmatchcase
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -11,10 +13,14 @@ from normal_run import COLLECTED, VARIANTS
 
 def test_every_entry_names_a_test_and_its_patterns_variants(request: pytest.FixtureRequest) -> None:
     """Patterns, of the tests that were read here."""
+    text = cache(lambda path: path.read_text("utf-8"))
+    variants = defaultdict[tuple[str, str], list[str]](list)
+    for file, test, variant in request.config.stash[COLLECTED]:
+        variants[file, test].append(variant)
     for entry, patterns in VARIANTS.items():
         file, _, test = (f"test_{part}" for part in entry.partition("::"))
         path = Path(__file__).with_name(f"{file}.py")
-        assert f"def {test}(" in path.read_text("utf-8"), entry
-        of_test = [v for f, t, v in request.config.stash[COLLECTED] if (f, t) == (path.name, test)]
+        assert f"def {test}(" in text(path), entry
+        of_test = variants[path.name, test]
         unused = [p for p in patterns if not any(fnmatchcase(v, p) for v in of_test)]
         assert not (of_test and unused), f"{entry}: {unused}"

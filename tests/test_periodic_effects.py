@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,11 +14,15 @@ from benchmarks.independent_robot import MAX_STEP_S, paper_motions, simulate
 from benchmarks.real_robots import PAPER, Loads, band
 from jointid import Inertia, MotionRecord, SineRecord, Study, analyse, extract_phasors
 from jointid.analysis import Analysis
+from jointid.estimation import periodic_effects
+from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
+from jointid.estimation.estimators.score_tests import PerTurnScores
 from jointid.estimation.model_fits import completed
+from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.per_turn import PerTurn, turn_waves
 from jointid.motion.spectra import motion_phasors
@@ -128,3 +134,66 @@ def test_waves_of_a_motion_are_those_of_its_position() -> None:
     bins = np.arange(segment.lowest, segment.highest + 1)
     np.testing.assert_allclose(cosine[0, bins - 1, 0], spectrum[bins], atol=1e-12)
     assert not cosine[0, : segment.lowest - 1].any()
+
+
+def scripted(monkeypatch: pytest.MonkeyPatch, gain: np.ndarray, **costs: float) -> tuple[Any, list[Any]]:
+    """A search with gains (orders, n) of a ripple, and the effects that are fitted; cost 10 by default.
+
+    ``costs`` are those of fits by orders, as in ``o35`` for 3 and 5.
+    """
+    fitted: list[Any] = []
+
+    def fit(_: Any, model: Model, effect: PerTurn, __: Any) -> Any:
+        fitted.append((model.reversal, effect.orders))
+        cost = costs.get("o" + "".join(map(str, effect.orders)), 10.0)
+        return SimpleNamespace(misfit=1.0, cost=cost, named=SimpleNamespace(without=lambda *_: "near"))
+
+    phase = np.arange(gain.size, dtype=float).reshape(gain.shape)
+    monkeypatch.setattr(periodic_effects, "_fitted", fit)
+    monkeypatch.setattr(
+        periodic_effects, "_scores", lambda *_: {"ripple": PerTurnScores(gain, phase, 0 * gain)}
+    )
+    return SimpleNamespace(has_motions=False), fitted
+
+
+def test_orders_are_those_of_the_highest_score_of_each_joint(monkeypatch: pytest.MonkeyPatch) -> None:
+    gain = np.zeros((6, 2))
+    gain[2, 0], gain[4, 1] = 5.0, 3.0
+    search, fitted = scripted(monkeypatch, gain)
+    model: Any = Model(0.0, delay=False)
+    _fit_orders(search, model, PerTurn("ripple", (1, 1), (0.0, 0.0)), "near")  # type: ignore[arg-type]
+    assert fitted == [(0.0, (1, 1)), (0.0, (3, 5))]
+    search, fitted = scripted(monkeypatch, gain)
+    _fit_orders(search, model, PerTurn("ripple", (0, 2), (0.0, 0.0)), "near")  # type: ignore[arg-type]
+    assert fitted == [(0.0, (0, 2)), (0.0, (0, 5))]  # the first joint has no ripple
+
+
+def test_an_effect_has_the_phase_at_its_order() -> None:
+    phase = np.arange(12.0).reshape(6, 2)
+    found = _effect("ripple", np.array([3, 0]), phase)
+    assert found == PerTurn("ripple", (3, 0), (4.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("gain", "straight", "optional", "orders"),
+    [
+        ([[1.0, 1.0], [60.0, 2.0]], 0.0, (), (2, 0)),  # the second joint's is chance
+        ([[40.0, 1.0], [30.0, 50.0]], 0.0, (), (1, 2)),
+        ([[60.0, 1.0], [1.0, 1.0]], 1e3, (), None),  # as a straight line
+        ([[60.0, 1.0], [1.0, 1.0]], 0.0, ("ripple",), None),  # is in the model
+        ([[0.1, 0.1], [0.1, 0.1]], 0.0, (), None),
+    ],
+)
+def test_the_clearest_effect_is_that_of_joints_beyond_chance(
+    monkeypatch: pytest.MonkeyPatch, gain: Any, straight: float, optional: Any, orders: Any
+) -> None:
+    scores = PerTurnScores(np.array(gain), np.zeros((2, 2)), np.array([straight, 0.0]))
+    monkeypatch.setattr(periodic_effects, "_scores", lambda *_: {"ripple": scores})
+    search: Any = SimpleNamespace(
+        scores=lambda _: {"gravity": SimpleNamespace(gain=1e9)},
+        fits=SimpleNamespace(optional=optional),
+        has_motions=False,
+    )
+    estimate: Any = SimpleNamespace(cost=100.0, expected_cost=90.0, misfit=1.0, named=None)
+    found = _clearest(search, Model(None, delay=False), estimate)
+    assert (found and found.orders) == orders

@@ -32,7 +32,7 @@ def told(seed: int, found: list[tuple[str, Exception]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("first", range(*tries((13, 18), long=(0, 150)), AT_ONCE))
+@pytest.mark.parametrize("first", range(*tries((14, 19), long=(0, 150)), AT_ONCE))
 def test_any_study_is_analysed_or_refused(first: int) -> None:
     for seed in range(first, first + AT_ONCE):
         found = faults(seed, small=True, every=EVERY)

@@ -412,7 +412,8 @@ def test_load_and_inertia_are_those_of_the_robot_model_in_the_start_pose() -> No
     model = RobotModel.parse("six.toml", SIX_AXES.encode()).with_payload(mass_std=40.0)
     q, still = np.deg2rad([0.0, -60.0, 100.0, 20.0, 40.0, 10.0]), np.zeros(6)
     known = model.inertia(q)
-    record = simulate_motion(known, Elasticity([50.0] * 6, [0.1] * 6), records=1)[0]
+    spring = Elasticity([50.0] * 6, [0.1] * 6)
+    (record,) = simulate_motion(known, spring, Motion(duration_s=2.0), records=1)
     study = Study([record], known, robot_model=model, pose_angles_rad={"": q})
     fitted = Inertia(1.01 * known.M, 1.01 * known.M2)
     free: dict[str, object] = dict.fromkeys(
@@ -503,7 +504,9 @@ def test_a_format_refuses_unsupported_motions() -> None:
 
 def test_gears_that_contradict_the_study_are_refused() -> None:
     """Its set points would move the motors otherwise than planned."""
-    study = Study([simulate_motion(PARALLELOGRAM, PAPER, records=1)[0]], PARALLELOGRAM)
+    study = Study(
+        simulate_motion(PARALLELOGRAM, PAPER, Motion(duration_s=2.0), records=1), PARALLELOGRAM
+    )
     WIDE.require_gears_of(study)
     WIDE.require_gears_of(replace(study, gear_ratio=RATIO * 1.0001))
     with pytest.raises(JointIdError, match="contradicts the study's"):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import example, given
@@ -9,6 +12,8 @@ from hypothesis import strategies as st
 from random_cases import examples
 
 from jointid import SineRecord
+from jointid.phasors.direct_fit import _free_lines, fit_directly
+from jointid.phasors.fitted_sine import Window
 from jointid.phasors.sine_fit import fit_sines, is_uniform
 
 
@@ -243,3 +248,37 @@ def test_one_period_of_few_samples_has_a_finite_error(samples: int) -> None:
         errors.append(np.abs(fit.fundamental[0] - 1) ** 2)
         stated.append(fit.covariance[0, 0, 0].real)
     assert np.mean(stated) > 0.5 * np.mean(errors)
+
+
+@pytest.mark.parametrize(
+    ("periods", "orders", "lines"),
+    [
+        (10.0, 3, [0.7, 0.8, 0.9, 1.1, 1.2, 1.3]),
+        (2.0, 1, [-0.5, 0.5, 1.5, 2.0, 2.5]),
+        (2.0, 2, [-0.5, 0.5, 1.5, 2.5]),
+        (1.0, 4, [-2.0, -1.0]),
+    ],
+)
+def test_noise_is_measured_at_three_lines_to_both_sides_that_are_not_in_the_fit(
+    periods: float, orders: int, lines: list[float]
+) -> None:
+    """In units of the fundamental, which itself is in the fit, as are the harmonics and the offset."""
+    record: Any = SimpleNamespace(periods=periods, omega=2.0)
+    found = _free_lines(record, np.arange(1, orders + 1))
+    np.testing.assert_allclose(found, 2.0 * np.array(lines), rtol=1e-12)
+
+
+def test_the_noise_of_one_period_with_harmonics_is_that_of_the_residual() -> None:
+    """No spectral line near the sine is free: white noise of the residual, over its freedom, remains."""
+    time = np.arange(200) / 200
+    data = np.sin(2 * np.pi * time) + 0.1 * np.random.default_rng(2).standard_normal((2, 200))
+    record = SineRecord(1.0, time, data[0], data[1])
+    fit = fit_directly(Window(record, orders=7, block=200, blocks=1), 7, by_scatter=False)
+    left = data.T - reference(record, 7)[1]
+    angle = 2 * np.pi * np.outer(time - time.mean(), np.arange(1, 8))
+    ramp = np.linspace(-0.5, 0.5, 200)
+    columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones(200), ramp])
+    spread = np.diag(np.linalg.inv(columns.T @ columns))
+    expected = (spread[:7] + spread[7:14])[:, None, None] * (left.T @ left) / 184
+    np.testing.assert_allclose(fit.covariance, expected, rtol=1e-6, atol=1e-12)
+    assert fit.degrees_of_freedom == 184

@@ -19,6 +19,7 @@ from jointid.estimation.estimators.linear_fit import _least_squares, without_ine
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
 from jointid.estimation.model_growth import _is_passed_over
+from jointid.estimation.model_selection import _given_up
 from jointid.estimation.regression_start import regressed, regression_start
 from jointid.estimation.start_values import (
     at_resonances,
@@ -353,3 +354,45 @@ def test_fits_that_others_make_superfluous_are_passed_over(
     )
     search: Any = SimpleNamespace(fits=fits, has_motions=motions)
     assert _is_passed_over(search, wider, LINEAR, leading) == passed
+
+
+def test_inertias_do_not_follow_from_records_under_gravity_or_of_several_poses() -> None:
+    inertia, elasticity = ROBOTS[1]
+    phasors = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 1))
+    pulled, added = Inertia(inertia.M, inertia.M2, gravity=[[2.0]]), inertia.with_added([[1e-3]])
+    poses = [inertia if k % 2 else Inertia(inertia.M, 2 * inertia.M2) for k in range(BAND_HZ.size)]
+    for given, found in ((inertia, True), (pulled, False), (added, False), (poses, False)):
+        prior = InertiaPrior.of(given, *phasors.q.shape)
+        assert (without_inertias(phasors, prior) is not None) == found
+
+
+def test_a_search_that_gives_up_fits_the_first_models_from_the_first_start_that_allows_one() -> None:
+    phasors = plant_phasors(*ROBOTS[1], *campaign(BAND_HZ, 1))
+    model, starts = Model(None, delay=False), ["a", "b", "c"]
+    tried: list[str] = []
+
+    def fit(_: Model, start: str) -> None:
+        tried.append(start)
+        fits.least_misfit = 7.0 if start == "b" else np.inf
+
+    fits = SimpleNamespace(
+        least_misfit=np.inf, least=lambda: model, tried={model: "estimate"}, candidates=lambda _: ()
+    )
+    search: Any = SimpleNamespace(
+        phasors=phasors, prior=InertiaPrior.of(ROBOTS[1][0], *phasors.q.shape), base=model, fits=fits,
+        free_start=lambda: starts, fit=fit,
+    )  # fmt: skip
+    choice = _given_up(search)
+    assert tried == ["a", "b"]
+    assert (choice.model, choice.estimate) == (model, "estimate")
+    np.testing.assert_array_equal(choice.spread, np.zeros((2, 2)))
+
+
+def test_a_joint_without_damping_starts_with_a_little() -> None:
+    """Half a per cent of the stiffness at the highest frequency: a fit from zero would stay there."""
+    inertia, elasticity = ROBOTS[2]
+    undamped = Elasticity(elasticity.K, [1e-9, 1e-9])
+    phasors = plant_phasors(inertia, undamped, *campaign(BAND_HZ, 2))
+    start = without_inertias(phasors, InertiaPrior.of(inertia, *phasors.q.shape))
+    assert start is not None
+    np.testing.assert_allclose(start.D, 0.005 * start.K / phasors.omega.max(), rtol=1e-9)

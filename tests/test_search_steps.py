@@ -1,0 +1,260 @@
+"""Steps of the search for a model, each replaced by a change of the misfit that it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from jointid import JointIdError
+from jointid.estimation import model_selection, motion_noise
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.score_tests import _RIDGE, _further_step
+from jointid.estimation.model_average import _squares_by_orders
+from jointid.estimation.model_growth import _clear_parts
+from jointid.estimation.motion_noise import _fit_from
+from jointid.motion.per_turn import PerTurn
+
+RIGID, SLIDING = Model(None, delay=False), Model(0.0, delay=False)
+STEPS = (
+    "fit_first",
+    "fit_periodic",
+    "climb_from_first",
+    "fit_regressed",
+    "climb_from_nearest",
+    "fit_hanging",
+    "fit_laws",
+    "fit_complete",
+)
+
+
+class Script:
+    """A search whose misfit is set by its steps: ``left`` after a step of this name."""
+
+    def __init__(self, start: float, left: dict[str, float], **facts: Any) -> None:
+        self.misfit, self.left, self.done = start, left, list[str]()
+        given = {
+            "has_motions": False, "may_have_friction": True, "is_distorted": False, "first": (),
+            "explains_little": False, "far": 10.0, "wrong": False, "few": 4, "impossible": False,
+        }  # fmt: skip
+        self.__dict__.update(given | facts)
+        self.phasors = SimpleNamespace(omega=np.ones(4), z=None, covariance=None)
+        self.base, self.start = RIGID, "start"
+
+    @property
+    def fits(self) -> Any:
+        return SimpleNamespace(
+            least_misfit=self.misfit, tried={RIGID: 1}, misfit=lambda _: self.misfit,
+            least=lambda *_: "least", estimate=lambda _: 1,
+        )  # fmt: skip
+
+    @property
+    def is_lost(self) -> bool:
+        return not self.misfit < 100.0
+
+    def fit(self, *_: Any) -> None:
+        self.step("fit")
+
+    def gives_up(self) -> bool:
+        return bool(self.__dict__["wrong"])
+
+    def few_rows(self) -> np.ndarray:
+        return np.arange(self.__dict__["few"])
+
+    def pruned(self, best: Any) -> Any:
+        return best
+
+    def step(self, name: str) -> bool:
+        self.done.append(name)
+        self.misfit = self.left.get(name, self.misfit)
+        return False
+
+
+def searched(monkeypatch: pytest.MonkeyPatch, script: Script) -> list[str]:
+    for name in STEPS:
+        monkeypatch.setattr(model_selection, name, lambda search, *_, name=name: search.step(name))
+    ends = {"_choice": "chosen", "_given_up": "given up", "_searched_in_few": "searched in few"}
+    for name, said in ends.items():
+        monkeypatch.setattr(model_selection, name, lambda search, *_, said=said: search.step(said))
+    impossible = 1e3 if script.__dict__["impossible"] else 1.0
+    monkeypatch.setattr(model_selection, "least_misfit", lambda *_: impossible)
+    monkeypatch.setattr(model_selection, "_loosened", lambda _: None)
+    monkeypatch.setattr(model_selection, "_inertias_are_wrong", lambda *_: False)
+    monkeypatch.setattr(model_selection, "_best", lambda search: search.step("best"))
+    monkeypatch.setattr(model_selection, "with_best_orders", lambda _, best: best)
+    other = Script(script.left.get("elsewhere", 1e9), {})
+    monkeypatch.setattr(model_selection, "_other_start", lambda search: [search.step("other"), other][1])
+    model_selection._searched(script)  # type: ignore[arg-type]
+    return script.done + [f"other {name}" for name in other.done]
+
+
+NEAR = ["fit_first", "fit_periodic", "fit_regressed", "fit_laws", "best", "fit_periodic", "chosen"]
+FAR_OFF = ["fit_first", "fit_periodic", "fit_regressed", "climb_from_nearest", "fit_hanging", "fit_laws"]
+
+
+@pytest.mark.parametrize(
+    ("start", "left", "facts", "steps"),
+    [
+        (2.0, {}, {}, NEAR),
+        (2.0, {}, {"impossible": True}, ["fit", "chosen"]),
+        (50.0, {}, {"wrong": True}, ["fit_first", "given up"]),
+        (9.0, {}, {"wrong": True}, NEAR),
+        (5e3, {}, {"few": 3}, ["fit_first", "fit_periodic", "searched in few"]),
+        (99.0, {}, {"few": 3}, NEAR),
+        (5e3, {"fit_regressed": 3.0}, {}, NEAR),
+        (5e3, {"climb_from_nearest": 3.0}, {}, [*FAR_OFF[:4], *NEAR[3:]]),
+        (
+            5e3, {"climb_from_first": 3.0}, {"is_distorted": True},
+            [*NEAR[:2], "climb_from_first", *NEAR[2:]],
+        ),
+        (5e3, {"fit_laws": 3.0}, {}, [*FAR_OFF, *NEAR[4:]]),
+        (5e3, {"fit_laws": 3.0, "fit_hanging": 4e2}, {},
+         [*FAR_OFF[:5], "climb_from_nearest", "fit_laws", *NEAR[4:]]),
+        (5e3, {"fit_complete": 3.0}, {}, [*FAR_OFF, "fit_complete", *NEAR[4:]]),
+        (5e3, {}, {"explains_little": True}, [*FAR_OFF, "other", "chosen"]),
+        (5e3, {}, {}, [*FAR_OFF, "fit_complete", "other", *NEAR[4:]]),
+        (5e3, {}, {"first": ("a model",)},
+         ["fit", *FAR_OFF, "fit_complete", *NEAR[4:]]),
+        (5e3, {"elsewhere": 2.0}, {},
+         [*FAR_OFF, "fit_complete", "other", "other fit_first", "other fit_laws",
+          *(f"other {name}" for name in NEAR[4:])]),
+        (5e3, {"fit_laws": 2.0}, {"has_motions": True},
+         ["fit_first", "fit_regressed", "fit_hanging", *NEAR[3:]]),
+    ],
+)  # fmt: skip
+def test_steps_are_taken_while_no_model_comes_near_the_data(
+    monkeypatch: pytest.MonkeyPatch,
+    start: float,
+    left: dict[str, float],
+    facts: dict[str, Any],
+    steps: list[str],
+) -> None:
+    assert searched(monkeypatch, Script(start, left, **facts)) == steps
+
+
+@pytest.mark.parametrize(
+    ("rubs", "misfits", "dissipates", "chosen"),
+    [
+        (False, {RIGID: 9.0, SLIDING: 8.9}, True, RIGID),  # hardly better
+        (False, {RIGID: 9.0, SLIDING: 3.0}, True, SLIDING),
+        (False, {RIGID: 9.0, SLIDING: 3.0}, False, RIGID),  # friction that drives
+        (False, {RIGID: 9.0}, True, RIGID),
+        (False, {SLIDING: 9.0}, True, SLIDING),
+        (True, {RIGID: 1.0, SLIDING: 9.0}, True, SLIDING),
+        (True, {}, True, None),
+    ],
+)
+@pytest.mark.parametrize(("late", "delayed"), [(0.1, True), (0.9, False), (None, False)])
+def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_more(
+    monkeypatch: pytest.MonkeyPatch,
+    rubs: bool,
+    misfits: dict[Model, float],
+    dissipates: bool,
+    chosen: Model | None,
+    late: float | None,
+    delayed: bool,
+) -> None:
+    """``late`` is the misfit of a fit with a delay, over that without; None where it fails."""
+
+    def fit_model(_: Any, __: Any, ___: Any, ____: Any, model: Model) -> Any:
+        misfit = misfits.get(Model(model.reversal, delay=False))
+        if misfit is None or (model.delay and late is None):
+            raise JointIdError("no fit")
+        return SimpleNamespace(misfit=misfit * (late or 1.0) if model.delay else misfit, named=None)
+
+    monkeypatch.setattr(motion_noise, "fit_model", fit_model)
+    monkeypatch.setattr(motion_noise, "dissipates", lambda _: dissipates)
+    start: Any = SimpleNamespace(layout=["coulomb"] if rubs else [])
+    found = _fit_from(None, None, start, None)  # type: ignore[arg-type]
+    if chosen is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert found[0] == Model(chosen.reversal, delay=delayed)
+        assert found[1].misfit == pytest.approx(misfits[chosen] * ((late or 1.0) if delayed else 1.0))
+
+
+def test_a_step_against_further_parameters_is_that_of_all_together() -> None:
+    """Newton's step of the whole parabola, and the decrease beside that by the base alone."""
+    rng = np.random.default_rng(1)
+    J, base, own = rng.standard_normal((9, 5)), np.array([0, 1, 3]), np.array([2, 4])
+    normal, gradient = J.T @ J, J.T @ rng.standard_normal(9)
+    inner = normal[np.ix_(base, base)]
+    step, gain, through, left = _further_step(gradient, normal, inner, base, own)
+    np.testing.assert_allclose(step, np.linalg.solve(normal, gradient)[own], rtol=1e-6)
+    of_all = gradient @ np.linalg.solve(normal, gradient)
+    of_base = gradient[base] @ np.linalg.solve(inner, gradient[base])
+    assert gain == pytest.approx(of_all - of_base, rel=1e-6)
+    np.testing.assert_allclose(inner @ through, normal[np.ix_(base, own)])
+    np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(normal)[np.ix_(own, own)], rtol=1e-6)
+
+
+def test_a_parameter_like_the_others_takes_a_finite_step() -> None:
+    normal = np.ones((2, 2))
+    *_, left = _further_step(np.ones(2), normal, normal[:1, :1], np.array([0]), np.array([1]))
+    np.testing.assert_allclose(left, [[_RIDGE]])
+
+
+def estimate_of(cost: float, shift: float, misfit: float = 1.0) -> Any:
+    return SimpleNamespace(cost=cost, misfit=misfit, elasticity=np.array([1.0 + shift, 2.0]))
+
+
+def test_other_orders_that_fit_as_well_are_part_of_the_error() -> None:
+    """The largest change of K and D by models that differ by nothing but the orders."""
+
+    def model(order: int, **more: Any) -> Model:
+        of = PerTurn("ripple", (order,), (0.0,))
+        return Model(0.0, delay=False, effects=("ripple",), per_turn=(of,), **more)
+
+    best, found = model(6), estimate_of(10.0, 0.0)
+    near, worse = estimate_of(10.0, 0.3), estimate_of(1e3, 5.0)
+    tried = {
+        best: found,
+        model(5): near,
+        model(7): worse,
+        replace(model(5), delay=True): estimate_of(10.0, 9.0),
+    }
+    fits: Any = SimpleNamespace(tried=tried, estimate=tried.get)
+    np.testing.assert_allclose(_squares_by_orders(fits, best, found), [0.09, 0.0])
+    np.testing.assert_allclose(_squares_by_orders(fits, SLIDING, found), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gains", "misfit", "beside", "clear"),
+    [
+        ({"delay": 50.0, "gravity": 40.0, "cubic": 1.0}, 1.0, {}, ["delay", "gravity"]),
+        ({"delay": 50.0, "gravity": 14.0}, 1.0, {}, ["delay"]),  # far below the highest
+        ({"delay": 50.0, "gravity": 40.0}, 1.0, {"delay": 0.1, "gravity": 50.0}, ["gravity"]),
+        ({"delay": 50.0, "gravity": 40.0}, 1.0, {"delay": 0.1}, ["gravity"]),
+        ({"delay": 50.0, "gravity": 40.0}, 1.2, {"delay": 0.1}, ["delay", "gravity"]),  # not explained
+        ({"delay": 9.5, "gravity": 8.0}, 1.2, {}, []),  # less than a tenth of what is left
+        ({"delay": 12.0, "gravity": 8.0}, 1.2, {}, ["delay"]),
+    ],
+)
+def test_clear_parts_are_significant_also_beside_free_reversals(
+    gains: dict[str, float], misfit: float, beside: dict[str, float], clear: list[str]
+) -> None:
+    """100 above the expected cost; free reversals are tried where friction explains the data."""
+    free, fitted = replace(SLIDING, reversal=0.03), list[Model]()
+
+    def scores(model: Model) -> dict[str, Any]:
+        own = beside if model == free else gains
+        return {
+            name: SimpleNamespace(gain=gain, count=1, penalised=lambda _, gain=gain: gain)
+            for name, gain in own.items()
+        }
+
+    fits = SimpleNamespace(optional=("delay", "gravity"), rows=100, tried={}, misfit=lambda _: 1.0)
+    search: Any = SimpleNamespace(
+        fits=fits, scores=scores, is_full=lambda _: False, has_motions=False,
+        fit=lambda model, _: fitted.append(model),
+    )  # fmt: skip
+    found: Any = SimpleNamespace(cost=110.0, expected_cost=10.0, misfit=misfit, named=None)
+    assert _clear_parts(search, SLIDING, found) == clear
+    assert fitted == ([free] if misfit < 1.1 and gains else [])
+    fitted.clear()
+    _clear_parts(search, RIGID, found)  # without friction
+    assert not fitted
