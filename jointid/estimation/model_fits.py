@@ -31,6 +31,9 @@ _SAME_FILTER = 0.02
 """Relative difference between time constants below which friction keeps its waveforms. Beyond it they
 are renewed once: ``friction_advance`` follows the time constant to first order; the square of the
 difference is left."""
+_SAME_WAVEFORM = 0.005
+"""Relative change of friction that follows from the parameters, below which a model keeps its first fit:
+the friction itself is some 5 % of the torque."""
 _HELD = 0.1
 """Share of the motors' motions within their noise from which several start values are tried."""
 _STIFFNESSES = 1.0, 3.0, 10.0, 0.3, 2.0, 5.0, 0.6, 0.1, 20.0, 7.0, 1.5, 0.03
@@ -100,12 +103,15 @@ def fit_model(
     if not isinstance(start, Parameters):
         start = ParameterLayout.of(phasors.n).named(start)
 
+    def at(p: Parameters) -> FrictionWaveforms | None:
+        return completed(waveforms, model.effects, model.per_turn, phasors, prior, p)
+
     def fitted(start: Parameters) -> LikelihoodEstimate:
         return maximum_likelihood(
             phasors,
             prior,
             start,
-            friction=completed(waveforms, model.effects, model.per_turn, phasors, prior, start),
+            friction=at(start),
             delay=model.delay,
             effects=model.effects,
             noise=noise,
@@ -119,7 +125,8 @@ def fit_model(
                 raise np.linalg.LinAlgError("not finite")
             # Load-dependent friction and, in motions, the arms' directions follow from the parameters.
             turned = "arm_coulomb" in model.effects and phasors.motion.any()
-            same = not ({"load", "transmission"}.intersection(model.effects) or turned)
+            follows = {"load", "transmission"}.intersection(model.effects)
+            same = not turned and not (follows and _differ(at(start), at(estimate.named)))
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]
                 if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
@@ -127,6 +134,15 @@ def fit_model(
             return estimate if same else fitted(estimate.named)
     except np.linalg.LinAlgError as error:
         raise JointIdError("The model does not fit: its parameters overflow.") from error
+
+
+def _differ(one: FrictionWaveforms | None, other: FrictionWaveforms | None) -> bool:
+    """Whether waveforms that follow from the parameters differ between two sets of them."""
+    if one is None or other is None:
+        return one is not other
+    before, after = ({**each.further, **each.deflection} for each in (one, other))
+    pairs = ((before[name], after[name]) for name in before)
+    return any(np.linalg.norm(a - b) > _SAME_WAVEFORM * np.linalg.norm(b) for a, b in pairs)
 
 
 def freest(phasors: Phasors, base: Model, optional: Sequence[str]) -> Model:

@@ -23,7 +23,7 @@ from jointid.phasors.segment import Motors, bins_of
 _HATS_PER_HARMONIC = 3
 """Hat functions per period for each harmonic: finer than the harmonics resolve."""
 
-_WIDTHS = (0.02, 0.07, 0.25)
+_WIDTHS = (0.01, 0.024, 0.06, 0.145, 0.35)
 """Decay velocities of the friction curve's parts, over the joint's largest velocity in a usual record of
 sines (the median: others hardly move a joint that its controller holds) or in all motions."""
 
