@@ -1,5 +1,6 @@
 """Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,6 +31,8 @@ _SURE = 2.0
 """Standard errors of a measured power that are kept as a margin."""
 _UNKNOWN = 0.5
 """Relative error of H from a motion without information."""
+_ROUNDING = 1e-6
+"""Distance from an end of the band, in spectral lines, that is rounding."""
 _NOISE_MARGIN = 3.0
 """Smallest singular value of the torques over their noise."""
 
@@ -147,7 +150,8 @@ def _spectrum(
         loss = np.reshape(coulomb, (-1, 1)) * np.sign(velocity)
         tau = tau - loss - np.reshape(viscous, (-1, 1)) * velocity
     s = 2j * np.pi * np.fft.rfftfreq(samples, T)[1:]
-    inside = slice(int(band[0] * samples * T), int(band[1] * samples * T) + 1)
+    first, last = np.array(band) * samples * T + [-_ROUNDING, _ROUNDING]  # lines from 1 on
+    inside = slice(max(math.ceil(first) - 1, 0), int(last))
     timing = np.exp(-s * (record.torque_delay_s + delay))
     if part.held:
         timing *= -np.expm1(-s * T) / (s * T)

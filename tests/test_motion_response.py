@@ -18,7 +18,8 @@ from jointid import (
     simulate_motion,
 )
 from jointid.arrays import Floats
-from jointid.transfer_matrix import TransferMatrix, motion_transfer_matrix
+from jointid.motion.sampling import uniform_parts
+from jointid.transfer_matrix import TransferMatrix, _spectrum, motion_transfer_matrix
 
 RATE_HZ, DURATION_S = 500.0, 20.0
 BAND_HZ = (3.0, 60.0)
@@ -268,3 +269,14 @@ def test_the_velocity_under_friction_knows_the_rounding_of_the_encoder(
     coarse = replace(plain, theta_rad=step * np.rint(5 * plain.theta_rad / step))
     motion_transfer_matrix([coarse], viscous=1e-9)
     np.testing.assert_allclose(asked, [[step**2 / 12]])
+
+
+def test_the_spectral_lines_are_those_of_the_band() -> None:
+    """Including its ends; they were one line, 1/T, too high."""
+    rng, t = np.random.default_rng(0), np.arange(2000) / 100
+    record = MotionRecord(
+        time_s=t, theta_rad=rng.standard_normal((2000, 1)), tau_Nm=rng.standard_normal((2000, 1))
+    )
+    (part,) = uniform_parts(record, 0, "a")
+    found = _spectrum(part, record, (3.0, 20.0), 0.0, 0.0, 0.0)[0]
+    np.testing.assert_allclose(found, np.arange(60, 401) / 20)
