@@ -135,7 +135,8 @@ class Study:
         if (robot := self.robot_model) is None:
             raise JointIdError(
                 "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-                "(Denavit–Hartenberg), or state [robot_model] in study.toml."
+                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot FILE, or state "
+                "[robot_model] in study.toml."
             )
         if self.gear_ratio is None or np.isfinite(robot.coupling).all():
             return robot
