@@ -638,6 +638,16 @@ def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
 
 
+def test_gear_ratios_that_contradict_the_robot_model_are_refused() -> None:
+    rounded = np.round(ROBOT.gear_ratio, 2)
+    study = replace(own_study(model=True), gear_ratio=rounded)
+    with pytest.raises(JointIdError, match=r"joint 2 is .*, that of the robot model"):
+        replace(study, gear_ratio=rounded * [1, -1, 1, 1, 1, 1])
+    C = ROBOT.coupling.copy()
+    C[1, 0] = C[0, 0]  # joint 2 has no ratio of its own
+    replace(study, robot_model=replace(ROBOT, coupling=C), gear_ratio=rounded * [1, 2, 1, 1, 1, 1])
+
+
 def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
     data = pack_study(own_study(model=True), record_format="parquet")
     at = upload(opened_app().run(), data)
