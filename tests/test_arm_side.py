@@ -538,7 +538,7 @@ def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
 def test_without_any_answer_both_reasons_are_stated(tmp_path: Path) -> None:
     reversed_ = replace(record(), arm_rad=-np.asarray(record().arm_rad))
     study = replace(own_study(model=True), records=[reversed_])
-    with pytest.raises(JointIdError, match=f"{MOTORS_ALONE}.* {SENSORS_FAIL}.*moves -1 times"):
+    with pytest.raises(JointIdError, match=f"{MOTORS_ALONE}.* {SENSORS_FAIL}.*moves −1 times"):
         answer_of(study)
     at = upload(opened_app().run(), pack_study(study, record_format="parquet"))
     for page in ("app.py", ELASTICITY, "pages/7_Report.py"):
@@ -674,6 +674,19 @@ def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
     assert "No stiffness of " in at.header[0].value
     (table,) = (t.value for t in at.table if "Significant" in t.value)
     assert [text.partition(",")[0] for text in table["Significant"]] == ["no"] * SENSORS + ["–"] * 3
+
+
+def test_the_figure_begins_with_a_joint_whose_stiffness_is_determined(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused = with_reason("At rest.", 0)
+    monkeypatch.setattr("jointid.ui.shared.page.Page.sensors", lambda _: refused)
+    at = upload(opened_app().run(), pack_study(own_study(model=True), record_format="parquet"))
+    choice = at.segmented_control(key="arm_side_joint")
+    assert choice.value == 1
+    assert not any("K is refused" in caption.value for caption in at.caption)
+    at = shown(choice.set_value(0).run())
+    assert any("K is refused" in caption.value for caption in at.caption)
 
 
 def test_a_robot_model_given_on_a_page_stays_with_the_study() -> None:
