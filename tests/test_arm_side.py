@@ -511,6 +511,10 @@ def test_the_report_begins_with_the_answer_of_the_sensors(studies: dict[int, Stu
     assert f"Figure {SENSORS}. Deflection of the gear of joint {SENSORS}" in text
     assert f"Figure {SENSORS + 1}." not in text
     assert fit().reasons[3] in text
+    assert answer().headline in text.replace("\xa0", " ")
+    assert answer().quantities[0].shown[0] not in text.partition("<table")[0]  # no break in a number
+    for label in ("Joint", "K at the joint (N·m/rad)", "Note"):  # shown on a phone, without a header
+        assert text.count(f'data-label="{label}"') == 6
     assert repr(float(fit().K[0])) in text
     assert to_pdf(made).startswith(b"%PDF")
     both = answer_of(studies[2], sensors=lambda _: answer())
