@@ -94,15 +94,15 @@ def answer_of_second(other: Page) -> Answer:
 def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
-    if same and page.method == other.method:
-        show_info("Both sides show the same study and estimator: choose another study or estimator.")
-        st.stop()
     units = first.unit, second.unit
     try:
         first, second = comparable(first, second)
         rows = compare(first.quantities, second.quantities, same_records=same)
     except JointIdError as error:
         show_error(error)
+        st.stop()
+    if same and first.fit.method == second.fit.method:  # for sensors, whatever the estimators
+        show_info("Both sides show the same study and estimator: choose another study or estimator.")
         st.stop()
     pairs = ((page, first), (other, second))
     unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
