@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from types import MappingProxyType
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each, require_method
-from jointid.estimation.identify_motion import identify_motion
+from jointid.estimation.identify_motion import identify_motion, require_motion_method
 from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
@@ -30,12 +30,12 @@ from jointid.study import Study, motion_matrices, motions_by_pose, sine_matrices
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
-from jointid.verdict.motion_findings import arm_side_findings, motion_findings, wrong_motions
+from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings, wrong_motions
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 MOTORS_ALONE = "The motors alone give no K and D"
-BEHIND_THE_GEARS = " The sensors behind the gears give K: jointid arm-side STUDY --robot FILE."
-"""Ends the error of motors that alone give no K and D."""
+SENSORS_FAIL = "The sensors behind the gears give no K"
+Found = TypeVar("Found")
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
 """States of an answer, best first."""
 
@@ -304,37 +304,34 @@ def answer_of(
 ) -> Analysis | ArmSideAnalysis:
     """Return the analysis of the motors with ``sensors`` or, if motors alone give no K, that of these.
 
-    Raises JointIdError when neither gives K.
+    Raises JointIdError, with both reasons, when neither gives K.
     """
-    sensed = study.has_sensors and study.robot_model is not None
+    if not study.has_sensors:
+        return motors(study)
+    (found, lack), (beside, refusal) = _tried(motors, study), _tried(sensors, study)
+    texts = ((MOTORS_ALONE, lack), (SENSORS_FAIL, refusal))
+    notes = [Finding("note", title, text, "", 0.0) for title, text in texts if text]
+    if found is not None and beside is not None:
+        notes += at_odds(replace(found, unit=beside.unit).quantities, beside.quantities)
+    if (answer := found or beside) is None:
+        raise JointIdError(" ".join(f"{title}. {text}" for title, text in texts))
+    ordered = sorted((*answer.findings, *notes), key=lambda finding: -finding.weight)
+    return replace(answer, findings=tuple(ordered), sensors=beside if found else None)
+
+
+def _tried(compute: Callable[[Study], Found], study: Study) -> tuple[Found | None, str]:
+    """The result and no text, or no result and the reason."""
     try:
-        found = motors(study)
+        return compute(study), ""
     except JointIdError as error:
-        if not study.has_sensors:
-            raise
-        if not sensed:
-            raise JointIdError(f"{error}{BEHIND_THE_GEARS}") from error
-        alone, note = sensors(study), Finding("note", MOTORS_ALONE, str(error), "", 0.0)
-        return replace(alone, findings=(*alone.findings, note))
-    if not sensed:
-        return found
-    try:
-        return replace(found, sensors=sensors(study))
-    except JointIdError as error:
-        note = Finding("note", "The sensors behind the gears give no K", str(error), "", 0.0)
-        return replace(found, findings=(*found.findings, note))
+        return None, str(error)
 
 
 def _fits_with_motion(
     study: Study, phasors: Phasors, method: str, matrices: dict[str, TransferMatrix]
 ) -> dict[str, ElasticityFit]:
     """The fit of all records together, and linear fits of the sines where they allow them."""
-    require_method(method)
-    if method in LINEAR:
-        raise JointIdError(
-            f'The estimator "{method}" takes sine records only, and this study has records of other '
-            'motions: choose "auto".'
-        )
+    require_motion_method(method)
     inertia = study.inertias if study.poses else study.inertia
     fits = {
         method: identify_motion(

@@ -20,6 +20,8 @@ from jointid.robot_models.model import RobotModel
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
 from jointid.wording import counted, plain, significant
 
+_ROUNDED = 1e-3
+"""Relative difference of gear ratios by rounding."""
 INERTIA_STD = 0.05
 """Relative standard deviation of inertias if the study states none: computed from drawings, they are
 known to a few per cent."""
@@ -135,7 +137,8 @@ class Study:
         if (robot := self.robot_model) is None:
             raise JointIdError(
                 "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-                "(Denavit–Hartenberg), or state [robot_model] in study.toml."
+                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot FILE, or state "
+                "[robot_model] in study.toml."
             )
         if self.gear_ratio is None or np.isfinite(robot.coupling).all():
             return robot
@@ -201,10 +204,22 @@ class Study:
                 raise JointIdError(
                     f"gear_ratio = {ratio.tolist()}: give one per joint ({self.inertia.n}), not 0."
                 )
+            self._require_ratios_of_model(ratio)
             set_fields(self, gear_ratio=ratio)
         if self.gear_temperature_C is not None:
             celsius = float(finite_array("gear_temperature_C (°C)", self.gear_temperature_C, ndim=0))
             set_fields(self, gear_temperature_C=celsius)
+
+    def _require_ratios_of_model(self, ratio: Floats) -> None:
+        """Refuse gear ratios other than those of the robot model, apart from rounding."""
+        if (robot := self.robot_model) is None:
+            return
+        other = np.abs(ratio / robot.gear_ratio - 1) > _ROUNDED  # not where the model has none
+        for j in np.flatnonzero(other & ~robot.is_coupled)[:1].tolist():
+            raise JointIdError(
+                f"The gear ratio of joint {j + 1} is {plain(float(ratio[j]))}, that of the robot model "
+                f"{plain(float(robot.gear_ratio[j]))}: correct one of them."
+            )
 
     def _take_poses_from_model(self) -> None:
         """Complete ``poses`` by the joint angles of ``pose_angles_rad``."""

@@ -27,6 +27,8 @@ if sensors := analysis if isinstance(analysis, ArmSideAnalysis) else analysis.se
     show_sensors(page, sensors)
 if isinstance(analysis, ArmSideAnalysis):
     st.stop()
+if sensors:
+    st.header("Motors", anchor=False)
 show_headline(analysis)
 show_tiles(analysis)
 show_bands(analysis)

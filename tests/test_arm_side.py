@@ -33,6 +33,7 @@ from jointid import (
 from jointid.analysis import (
     MOTORS_ALONE,
     NOT_USABLE,
+    SENSORS_FAIL,
     USABLE,
     WITH_CARE,
     ArmSideAnalysis,
@@ -55,8 +56,8 @@ from jointid.fleet.table import read_fleet, to_parquet
 from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html, to_pdf
-from jointid.uncertainty.comparison import compare, in_common_unit
-from jointid.verdict.motion_findings import arm_side_findings
+from jointid.uncertainty.comparison import comparable, compare
+from jointid.verdict.motion_findings import arm_side_findings, at_odds
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
@@ -510,6 +511,10 @@ def test_the_report_begins_with_the_answer_of_the_sensors(studies: dict[int, Stu
     assert f"Figure {SENSORS}. Deflection of the gear of joint {SENSORS}" in text
     assert f"Figure {SENSORS + 1}." not in text
     assert fit().reasons[3] in text
+    assert answer().headline in text.replace("\xa0", " ")
+    assert answer().quantities[0].shown[0] not in text.partition("<table")[0]  # no break in a number
+    for label in ("Joint", "K at the joint (N·m/rad)", "Note"):  # shown on a phone, without a header
+        assert text.count(f'data-label="{label}"') == 6
     assert repr(float(fit().K[0])) in text
     assert to_pdf(made).startswith(b"%PDF")
     both = answer_of(studies[2], sensors=lambda _: answer())
@@ -534,6 +539,34 @@ def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
     assert found.findings[-1].detail == "Another unit."
 
 
+def test_without_any_answer_both_reasons_are_stated(tmp_path: Path) -> None:
+    reversed_ = replace(record(), arm_rad=-np.asarray(record().arm_rad))
+    study = replace(own_study(model=True), records=[reversed_])
+    with pytest.raises(JointIdError, match=f"{MOTORS_ALONE}.* {SENSORS_FAIL}.*moves −1 times"):
+        answer_of(study)
+    at = upload(opened_app().run(), pack_study(study, record_format="parquet"))
+    for page in ("app.py", ELASTICITY, "pages/7_Report.py"):
+        at = shown(at.switch_page(page).run())
+        assert any(SENSORS_FAIL in box.value and MOTORS_ALONE in box.value for box in at.error)
+        assert not any("behind the gears can give K" in text.value for text in at.markdown)
+
+
+def test_motors_and_sensors_that_disagree_are_a_finding() -> None:
+    sensed = answer().quantities[:SENSORS]
+    alike = [replace(q, value=1.1 * q.value, error=0.1 * q.value) for q in sensed]
+    assert not list(at_odds(alike, sensed))
+    (found,) = at_odds([alike[0], replace(alike[1], value=5e4, error=5e4), alike[2]], sensed)
+    assert found.level == "warning"
+    assert found.title == "Motors and sensors behind the gears disagree on K of joint 2"
+    assert found.detail.startswith("K2 at the joint is 50000 ± 50000 N·m/rad from the motors, and ")
+    refused = with_reason("At rest.", 1).quantities[:SENSORS]
+    assert not list(at_odds([alike[0], replace(alike[1], value=5e4, error=5e4), alike[2]], refused))
+    motors = analyse(load_study("sample_data/six_axes.zip"))
+    both = answer_of(own_study(model=True), motors=lambda _: motors)
+    assert both.findings[0].title.startswith("Motors and sensors behind the gears disagree on K")
+    assert both.state == WITH_CARE
+
+
 def test_motors_that_contradict_their_sensors_end_in_an_answer_or_a_message() -> None:
     """With angles twice as large, one period of the slowest mode had more samples than an integer."""
     wrong = motion_record(TRUTH, 1, seconds=20.0)
@@ -550,13 +583,19 @@ def test_two_studies_are_compared_at_the_joint(tmp_path: Path) -> None:
     assert [row.first.name for row in rows if row.is_clear] == ["K2"]
     assert rows[1].relative == pytest.approx(-0.3)
     assert rows[4].significance == "–"
-    motors = replace(analyse(load_study("sample_data/single_joint")), sensors=None)
-    motors = replace(motors, study=replace(motors.study, gear_ratio=[100.0]))
-    first, second = in_common_unit(answer().shown_in("N·m/arcmin at the joint"), motors)
+    motors = analyse(load_study("sample_data/six_axes.zip"))
+    ratios = motors.study.gear_ratios
+    assert ratios is not None
+    first, second = comparable(answer().shown_in("N·m/arcmin at the joint"), motors)
     assert (first.unit.side, first.unit.angle) == (second.unit.side, second.unit.angle)
-    assert second.quantities[0].value == pytest.approx(1e4 * motors.fit.K[0])
+    assert second.quantities[0].value == pytest.approx(ratios[0] ** 2 * motors.fit.K[0])
+    # Sensors are compared with sensors, also where the motors give another answer.
+    assert comparable(answer(), replace(motors, sensors=answer()))[1] is answer()
+    unknown = replace(motors, study=replace(motors.study, robot_model=None, pose_angles_rad={}))
     with pytest.raises(JointIdError, match="gear ratios"):
-        in_common_unit(answer(), replace(motors, study=replace(motors.study, gear_ratio=None)))
+        comparable(answer(), unknown)
+    with pytest.raises(JointIdError, match="6 joints, the second 1 joint"):
+        comparable(answer(), analyse(load_study("sample_data/single_joint")))
 
 
 def test_a_batch_has_its_row_seen_from_the_motors(tmp_path: Path) -> None:
@@ -603,6 +642,16 @@ def test_gear_ratios_missing_in_the_model_are_those_of_the_study() -> None:
     np.testing.assert_allclose(found.K[:SENSORS], fit().K[:SENSORS], rtol=1e-9)
 
 
+def test_gear_ratios_that_contradict_the_robot_model_are_refused() -> None:
+    rounded = np.round(ROBOT.gear_ratio, 2)
+    study = replace(own_study(model=True), gear_ratio=rounded)
+    with pytest.raises(JointIdError, match=r"joint 2 is .*, that of the robot model"):
+        replace(study, gear_ratio=rounded * [1, -1, 1, 1, 1, 1])
+    C = ROBOT.coupling.copy()
+    C[1, 0] = C[0, 0]  # joint 2 has no ratio of its own
+    replace(study, robot_model=replace(ROBOT, coupling=C), gear_ratio=rounded * [1, 2, 1, 1, 1, 1])
+
+
 def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
     data = pack_study(own_study(model=True), record_format="parquet")
     at = upload(opened_app().run(), data)
@@ -623,12 +672,29 @@ def test_the_pages_show_stiffness_also_where_motor_data_give_none() -> None:
     at = shown(at.switch_page("pages/7_Report.py").run())
     assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)
     assert any("K4: No sensor behind the gear in these records." in code.value for code in at.code)
+    at = shown(at.switch_page("pages/11_Compare.py").run())
+    at = shown(at.selectbox(key="compare_study").set_value(at.selectbox(key="study").value).run())
+    at = shown(at.selectbox(key="compare_estimator").set_value("weighted").run())
+    assert any("same study and estimator" in box.value for box in at.info)
     again = replace(own_study(model=True), records=[motion_record(TRUTH, 2, seconds=10.0)])
     at = upload(at, pack_study(again, record_format="parquet"), "again.zip")
     at = shown(at.switch_page("pages/11_Compare.py").run())
     assert "No stiffness of " in at.header[0].value
     (table,) = (t.value for t in at.table if "Significant" in t.value)
     assert [text.partition(",")[0] for text in table["Significant"]] == ["no"] * SENSORS + ["–"] * 3
+
+
+def test_the_figure_begins_with_a_joint_whose_stiffness_is_determined(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused = with_reason("At rest.", 0)
+    monkeypatch.setattr("jointid.ui.shared.page.Page.sensors", lambda _: refused)
+    at = upload(opened_app().run(), pack_study(own_study(model=True), record_format="parquet"))
+    choice = at.segmented_control(key="arm_side_joint")
+    assert choice.value == 1
+    assert not any("K is refused" in caption.value for caption in at.caption)
+    at = shown(choice.set_value(0).run())
+    assert any("K is refused" in caption.value for caption in at.caption)
 
 
 def test_a_robot_model_given_on_a_page_stays_with_the_study() -> None:
@@ -653,7 +719,7 @@ def test_the_pages_show_both_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     assert said in [text.value.replace("\xa0", " ") for text in at.caption]
     at = shown(at.switch_page(ELASTICITY).run())
     headings = [h.value.replace("\xa0", " ") for h in at.header]
-    assert headings[:3] == ["Sensors behind the gears", answer().headline, motors.headline]
+    assert headings[:4] == ["Sensors behind the gears", answer().headline, "Motors", motors.headline]
     at = shown(at.switch_page("pages/7_Report.py").run())
     choice = at.segmented_control(key="answer_of")
     assert choice.options == ["Motors", "Sensors behind the gears"]

@@ -18,7 +18,7 @@ from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
-from jointid.wording import percent
+from jointid.wording import minus, percent
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
@@ -143,9 +143,9 @@ def _require_alike(record: MotionRecord, motion: BandLimited) -> None:
         share = _share(motion, j)
         if not (np.isnan(share) or 1 / _ALIKE < share < _ALIKE):
             raise JointIdError(
-                f"{record.label or 'A record'}: the sensor of joint {j + 1} moves {share:.3g} times as "
-                "far as its motor and the gear ratio imply. Give its angles in rad at the joint, and "
-                "check the gear ratio and its sign."
+                f"{record.label or 'A record'}: the sensor of joint {j + 1} moves "
+                f"{minus(f'{share:.3g}')} times as far as its motor and the gear ratio imply. Give its "
+                "angles in rad at the joint, and check the gear ratio and its sign."
             )
 
 

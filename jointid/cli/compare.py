@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from jointid.analysis import NOT_USABLE, WITH_CARE, Answer
+from jointid.analysis import NOT_USABLE, WITH_CARE, Analysis, Answer
 from jointid.cli.files import answer_file
 from jointid.cli.options import JSON, METHOD, STUDY, UNIT, named
 from jointid.cli.output import print_columns, print_json
@@ -14,8 +14,8 @@ from jointid.files.digest import study_digest
 from jointid.uncertainty.comparison import (
     INDEPENDENT_ERRORS,
     Difference,
+    comparable,
     comparison_sentence,
-    in_common_unit,
 )
 from jointid.uncertainty.comparison import compare as compare_quantities
 from jointid.wording import enumerated
@@ -41,7 +41,7 @@ def compare(
         raise JointIdError(f"{study} and {second} are the same study: give two different studies.")
     names = [each.study.name or file.name for each, file in zip(found, files, strict=True)]
     found = [each.shown_in(unit) for each in found] if unit else found
-    found[:] = in_common_unit(*found)
+    found[:] = comparable(*found)
     rows = compare_quantities(found[0].quantities, found[1].quantities)
     usable = all(each.state != NOT_USABLE for each in found)
     if as_json:
@@ -55,14 +55,16 @@ def compare(
         columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]
     print_columns(columns, right=(1, 2, 3))
-    print(f"K and D {found[0].unit.side}." + usable * f" {INDEPENDENT_ERRORS}")
+    what = "K and D" if all(isinstance(each, Analysis) for each in found) else "K"
+    print(f"{what} {found[0].unit.side}." + usable * f" {INDEPENDENT_ERRORS}")
 
 
 def _print_heading(
     names: list[str], found: list[Answer], rows: tuple[Difference, ...], usable: bool
 ) -> None:
     for which, name, each in zip(("First", "Second"), names, found, strict=True):
-        print(f'{which}: "{name}", {each.state}')
+        method = "" if isinstance(each, Analysis) else f", {each.fit.method}"
+        print(f'{which}: "{name}"{method}, {each.state}')
         if each.state == NOT_USABLE:
             print(each.headline)
     if not usable:

@@ -69,7 +69,9 @@ def print_new_study(study: Study, path: Path, as_json: bool, **more: Any) -> Non
 
     digest, n = study_digest(study), study.inertia.n
     if not as_json:
-        print(f"{path}: {len(study.records)} records of {counted(n, 'joint')}, digest {digest}")
+        print(
+            f"{path}: {counted(len(study.records), 'record')} of {counted(n, 'joint')}, digest {digest}"
+        )
         return
     keys = ("frequency_hz", "periods", "band_hz")
     records = [

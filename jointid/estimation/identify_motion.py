@@ -13,10 +13,11 @@ from jointid.estimation.candidates import Choice, Model
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
-from jointid.estimation.identify_elasticity import require_gear
+from jointid.estimation.identify_elasticity import require_gear, require_method
 from jointid.estimation.model_fits import evaluated, fit_model
 from jointid.estimation.model_selection import choose_model
 from jointid.estimation.motion_noise import (
@@ -51,6 +52,16 @@ _MANY = 10_000
 _SEARCHES, _TWICE = 3, 1.0
 """Most further searches with the noise that the chosen model leaves, and the change of its variance,
 over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
+
+
+def require_motion_method(method: str) -> None:
+    """Raise JointIdError when an estimator is unknown, or takes sine records only."""
+    require_method(method)
+    if method in LINEAR:
+        raise JointIdError(
+            f'The estimator "{method}" takes sine records only, and this study has records of other '
+            'motions: choose "auto".'
+        )
 
 
 def identify_motion(

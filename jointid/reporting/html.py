@@ -6,6 +6,7 @@ from pathlib import Path
 from jointid.reporting.blocks import Block, Figure, Paragraph, Report, Table, Verdict
 from jointid.reporting.drawing import to_svg
 from jointid.verdict.findings import Finding
+from jointid.wording import unbroken
 
 _STYLE = Path(__file__).with_name("report.css").read_text("utf-8")
 
@@ -29,7 +30,8 @@ def to_html(report: Report) -> str:
 def _block(block: Block) -> str:
     if isinstance(block, Paragraph):
         kind = f' class="{block.kind}"' if block.kind != "plain" else ""
-        return f"<p{kind}>{_clean(block.text)}</p>\n"
+        text = _clean(block.text)
+        return f"<p{kind}>{unbroken(text) if block.kind == 'lead' else text}</p>\n"
     if isinstance(block, Table):
         return _table(block)
     if isinstance(block, Figure):
@@ -45,12 +47,13 @@ def _table(table: Table) -> str:
     head = "".join(f'<th scope="col"{c}>{_clean(h)}</th>' for h, c in columns)
     labels = [""] * len(css)
     if table.kind == "answer":
-        labels = [f' data-label="{_clean(h)}"' for h in table.header]
+        unlabelled = "", "identified", "unit"  # a value with its unit explains itself
+        labels = ["" if h in unlabelled else f' data-label="{_clean(h)}"' for h in table.header]
     body = ""
     for row in table.rows:
         cells = zip(row[1:], css[1:], labels[1:], strict=True)
         rest = "".join(f"<td{c}{label}>{_clean(v)}</td>" for v, c, label in cells)
-        body += f'<tr><th scope="row" class="l">{_clean(row[0])}</th>{rest}</tr>\n'
+        body += f'<tr><th scope="row" class="l"{labels[0]}>{_clean(row[0])}</th>{rest}</tr>\n'
     head = f"<thead><tr>{head}</tr></thead>\n" if head else ""
     kind = {"answer": ' class="answer"', "facts": ' class="names"'}.get(table.kind, "")
     markup = f"<table{kind}>{head}<tbody>\n{body}</tbody></table>"

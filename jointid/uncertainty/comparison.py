@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -64,12 +64,7 @@ def compare(
     too small. With ``same_records`` the noise is common, and no number of standard errors is stated.
     Returns K1 ... Kn, D1 ... Dn. Raises JointIdError when the numbers of joints differ.
     """
-    joints = [sum(q.parameter == "K" for q in found) for found in (first, second)]
-    if joints[0] != joints[1]:
-        raise JointIdError(
-            f"The first study has {counted(joints[0], 'joint')}, the second "
-            f"{counted(joints[1], 'joint')}: choose studies of the same joints."
-        )
+    _require_same_joints(first, second)
     found, others = [], {other.name: other for other in second}
     for one, other in ((one, others[one.name]) for one in first if one.name in others):
         error = float(np.hypot(one.error, other.error))
@@ -80,12 +75,29 @@ def compare(
     return tuple(found)
 
 
+def _require_same_joints(first: Sequence[Quantity], second: Sequence[Quantity]) -> None:
+    joints = [sum(q.parameter == "K" for q in found) for found in (first, second)]
+    if joints[0] != joints[1]:
+        raise JointIdError(
+            f"The first study has {counted(joints[0], 'joint')}, the second "
+            f"{counted(joints[1], 'joint')}: choose studies of the same joints."
+        )
+
+
 class Shown(Protocol):
     """An answer, of motors or of sensors behind the gears."""
 
     @property
     def unit(self) -> StiffnessUnit:
         """Unit and side of K and D."""
+
+    @property
+    def quantities(self) -> Sequence[Quantity]:
+        """K1 ... Kn, and D1 ... Dn of motors."""
+
+    @property
+    def sensors(self) -> Any:
+        """Answer of sensors behind the gears beside that of the motors, or None."""
 
     def shown_in(self, name: str) -> Self:
         """Return the answer in a unit of ``STIFFNESS_UNITS``."""
@@ -94,17 +106,27 @@ class Shown(Protocol):
 Answers = TypeVar("Answers", bound=Shown)
 
 
-def in_common_unit(first: Answers, second: Answers) -> tuple[Answers, Answers]:
-    """Return both answers in one unit: that of both, else N·m/rad at the motor, else at the joint.
+def comparable(first: Answers, second: Answers) -> tuple[Answers, Answers]:
+    """Return both answers of one kind and unit.
 
-    Raises JointIdError when one is at the joint only and the other has no gear ratios.
+    Where one is of sensors behind the gears only, the other is of its sensors, too, if it has them. The
+    unit is that of both, else N·m/rad at the motor, else at the joint.
+    Raises JointIdError when the numbers of joints differ, or one is at the joint only and the other has
+    no gear ratios.
     """
+    _require_same_joints(first.quantities, second.quantities)
+    if _has_damping(first) != _has_damping(second):
+        first, second = first.sensors or first, second.sensors or second
     if (first.unit.side, first.unit.angle) == (second.unit.side, second.unit.angle):
         return first, second
     shown = first.shown_in(_AT_MOTOR), second.shown_in(_AT_MOTOR)
     if shown[0].unit.side == shown[1].unit.side:
         return shown
     return first.shown_in(_AT_JOINT), second.shown_in(_AT_JOINT)
+
+
+def _has_damping(answer: Shown) -> bool:
+    return any(q.parameter == "D" for q in answer.quantities)
 
 
 def comparison_sentence(

@@ -7,6 +7,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.estimation.candidates import EXPLAINED
 from jointid.estimation.elasticity import ElasticityFit, undetermined
+from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
@@ -29,6 +30,8 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
+_AT_ODDS = 3.0
+"""Standard errors beyond which two values of a stiffness differ."""
 _ARC_SECONDS = 180 / np.pi * 3600
 
 
@@ -171,6 +174,29 @@ def arm_side_findings(
         which = joints_text(np.flatnonzero(known) + 1)
         found.append(good(f"The sensors behind the gears determine K of {which}", detail))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Iterator[Finding]:
+    """Joints whose K from the motors differs significantly from that of sensors behind their gears.
+
+    Both begin with K1 ... Kn, N·m/rad at the joint.
+    """
+    pairs = list(zip(motors, sensors, strict=False))  # sensors give no D
+    value = np.array([[q.value for q in pair] for pair in pairs])
+    sigmas = np.abs(np.diff(value)[:, 0]) / np.array([np.hypot(p.error, q.error) for p, q in pairs])
+    joints = np.flatnonzero(sigmas > _AT_ODDS)
+    if joints.size:
+        j = int(joints[np.argmax(sigmas[joints])])
+        motor, sensor = pairs[j]
+        yield warning(
+            f"Motors and sensors behind the gears disagree on K of {joints_text(joints + 1)}",
+            f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
+            f"{' '.join(sensor.shown)} from the sensor behind the gear: {sigmas[j]:.1f} standard errors "
+            "apart.",
+            "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
+            "they measure the deflection itself.",
+            float(abs(motor.value / sensor.value - 1)),
+        )
 
 
 def _rests(motions: Sequence[MotionRecord]) -> Floats:

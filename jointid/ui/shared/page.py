@@ -12,7 +12,6 @@ import streamlit as st
 
 from jointid import Analysis, JointIdError, Phasors, Study, analyse, extract_phasors
 from jointid.analysis import (
-    BEHIND_THE_GEARS,
     MOTORS_ALONE,
     Answer,
     ArmSideAnalysis,
@@ -97,13 +96,14 @@ class Page:
         try:
             found = compute()
         except JointIdError as error:
-            if self.study.has_sensors:
+            refused = compute == self.answered and self.study.robot_model is not None
+            if self.study.has_sensors and not refused:
                 if ask is None:
-                    st.write("The sensors behind the gears give K of the joints:")
+                    st.write("The sensors behind the gears can give K of the joints:")
                     link_to(ELASTICITY)
                 else:
                     ask()
-                show_info(f"{MOTORS_ALONE}. {str(error).removesuffix(BEHIND_THE_GEARS)}")
+                show_info(f"{MOTORS_ALONE}. {str(error).removeprefix(f'{MOTORS_ALONE}. ')}")
             else:
                 show_error(error)
             _point_to_records()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import streamlit as st
 
 from jointid import JointIdError, RobotModel
-from jointid.analysis import NOT_USABLE, ArmSideAnalysis
+from jointid.analysis import ArmSideAnalysis
 from jointid.figures import gear_deflection
 from jointid.ui.shared import workspace
 from jointid.ui.shared.charts import choose_joint, choose_segment, plot
@@ -55,11 +55,12 @@ def _show_deflection(page: Page, found: ArmSideAnalysis) -> None:
     measured = [k for k, record in enumerate(motions) if record.arm_rad is not None]
     if not joints:
         return
+    joints.sort(key=lambda j: bool(fit.reasons[j]))  # those with K first
+    j, k = choose_joint(joints, "arm_side_joint"), measured[0]
     st.caption(
         "The difference between the two encoders of a joint is the deflection of its gear."
-        + " The line is the fit, whose K is refused." * (found.state == NOT_USABLE)
+        + " The line is the fit, whose K is refused." * bool(fit.reasons[j])
     )
-    j, k = choose_joint(joints, "arm_side_joint"), measured[0]
     if len(measured) > 1:
         names = {k: motions[k].label or f"Motion {k + 1}" for k in measured}
         k = choose_segment("Record", measured, "arm_side_record", format_func=names.__getitem__)

@@ -19,9 +19,9 @@ from jointid.ui.shared.workspace import label, link_to, names_by_address, open_s
 from jointid.uncertainty.comparison import (
     INDEPENDENT_ERRORS,
     Difference,
+    comparable,
     compare,
     comparison_sentence,
-    in_common_unit,
 )
 from jointid.wording import enumerated, significant, unbroken
 
@@ -94,15 +94,15 @@ def answer_of_second(other: Page) -> Answer:
 def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> None:
     """The answer in a sentence, and K and D of both with their differences."""
     same = page.digest == other.digest
-    if same and page.method == other.method:
-        show_info("Both sides show the same study and estimator: choose another study or estimator.")
-        st.stop()
     units = first.unit, second.unit
     try:
-        first, second = in_common_unit(first, second)
+        first, second = comparable(first, second)
         rows = compare(first.quantities, second.quantities, same_records=same)
     except JointIdError as error:
         show_error(error)
+        st.stop()
+    if same and first.fit.method == second.fit.method:  # for sensors, whatever the estimators
+        show_info("Both sides show the same study and estimator: choose another study or estimator.")
         st.stop()
     pairs = ((page, first), (other, second))
     unusable = [pair for pair in pairs if pair[1].state == NOT_USABLE]
@@ -120,8 +120,8 @@ def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> 
         hint = f"{_quoted(whose)}: findings and remedies"
         link_to(OVERVIEW, hint, study=address, estimator=whose.method)
     show_note(
-        f'First: "{page.label}", estimator {page.method}, {first.state}. '
-        f'Second: "{other.label}", estimator {other.method}, {second.state}.'
+        f'First: "{page.label}", {_estimator(first, page)}, {first.state}. '
+        f'Second: "{other.label}", {_estimator(second, other)}, {second.state}.'
     )
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
     if not unusable:
@@ -136,7 +136,8 @@ def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> 
     columns[names[1]] = [row.second.shown[0] for row in rows]
     show_text_table(columns)
     other_unit = "" if units == (first.unit, second.unit) else ", the side that both studies have"
-    caption = f"K and D {first.unit.side}{other_unit}."
+    what = "K and D" if isinstance(first, Analysis) and isinstance(second, Analysis) else "K"
+    caption = f"{what} {first.unit.side}{other_unit}."
     if not unusable:
         caption += " Difference: second study minus first. "
         caption += _SHARED if same else INDEPENDENT_ERRORS
@@ -161,6 +162,10 @@ def show_models(page: Page, first: Answer, other: Page, second: Answer) -> None:
         partial(compared_responses, (first, second), names),
         "Magnitude of H{0}{0}, compared",
     )
+
+
+def _estimator(answer: Answer, page: Page) -> str:
+    return f"estimator {page.method}" if isinstance(answer, Analysis) else answer.fit.method
 
 
 def _sentence(
