@@ -157,6 +157,16 @@ def test_large_misfit_of_much_of_the_torque_is_a_problem() -> None:
     assert times_noise(4e6) == "over 1000 × noise"
 
 
+def test_a_linear_fit_in_place_of_a_failed_search_may_contradict_the_data() -> None:
+    """With sticking motors it was 54,000 × noise off, K1 86 %, and "usable with care"."""
+    case = evidence(sound(noise=(1e-6, 1e-4)), Inertia(SERIAL.M, 1.3 * SERIAL.M2))
+    by_user = replace(case.fit, method="weighted", candidates=())
+    instead = replace(case.fit, method="weighted")
+    assert instead.candidates
+    levels = [next(model_limits(replace(case, fit=fit))).level for fit in (by_user, instead)]
+    assert levels == ["warning", "problem"]
+
+
 def test_record_with_most_of_the_misfit_is_named() -> None:
     records = sound()
     records[9] = remade(records[9], label="other.csv")

@@ -159,7 +159,8 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     odd_record, changes = _odd_record(evidence)
     hold, hold_changes = half_a_sample(evidence)
     loaded = max(fit.misfit, misfit) > _CONTRADICTED and _is_loaded(evidence)
-    make = problem if (contradicts(fit) or loaded) and fit.method not in LINEAR else warning
+    chosen = fit.method in LINEAR and not fit.candidates  # by the user: others may explain the data
+    make = problem if (contradicts(fit) or loaded) and not chosen else warning
     parts = fitted_parts(fit) if make is problem else []
     if parts:
         left += f". Fitting {enumerated(parts)} does not reduce the residual to the noise level"
