@@ -402,7 +402,7 @@ def test_friction_of_a_fit_without_candidates_has_sharp_reversals() -> None:
     free = chosen_friction(phasors, fit)
     assert free is not None
     assert free.free.shapes > 0
-    assert free.curve.shape[3] == 3
+    assert free.curve.shape[3] == 5
     layout = ParameterLayout.of(2)
     fit.parameters = layout.named(layout.pack(K=1.0, D=1.0))
     assert chosen_friction(phasors, fit) is None

@@ -279,7 +279,7 @@ def test_records_of_one_frequency_cannot_confirm_the_model(ratio: float, told: b
 def limited(misfit: float, left: float, *, inflation: float = 1.0, K: float = 0.005) -> Any:
     """A fit with a misfit and a residual of some share of the torque."""
     torque = np.ones((6, 2))
-    fit = two_joints(misfit=misfit, inflation=inflation, fundamental=(1.0, 0.0))
+    fit = two_joints(misfit=misfit, inflation=inflation, fundamental=(1.0, 0.0), candidates=())
     fit.noise_error = K * fit.estimate
     fit.equations = case(
         spring_torque=torque, omega=np.array([200.0]), noise=case(degrees_of_freedom=np.ones(6))
