@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from plants import exact_phasors
 
 from jointid import Inertia, JointIdError, MotionRecord
+from jointid.arrays import Floats
 from jointid.estimation import motion_noise
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
@@ -841,3 +843,23 @@ def test_segments_of_more_than_two_joints_are_shorter_in_wide_bands(
     record = MotionRecord(time, theta, tau, torque_hold=False, band_hz=(10.0, highest_hz))
     phasors = motion_phasors([record], np.ones((1, joints)))
     assert len([each for each in phasors.segments if each is not None]) == count
+
+
+@pytest.mark.parametrize(
+    ("shape", "most"),
+    [
+        (lambda x: np.exp(-(x**2)), 0.011),
+        (lambda x: np.exp(-x), 0.001),
+        (lambda x: 1 / (1 + x**2), 0.004),
+        (np.tanh, 0.003),
+    ],
+)
+def test_the_friction_curve_has_the_shape_of_any_stribeck_curve(
+    shape: Callable[[Floats], Floats], most: float
+) -> None:
+    """Root mean square over a sine, and over the widths of the curve; beside Coulomb and viscous."""
+    speed = np.sin(np.linspace(0, np.pi / 2, 2001))
+    parts = [np.ones(speed.size), speed, *(np.exp(-speed / width) for width in _WIDTHS)]
+    Q, _ = np.linalg.qr(np.stack(parts, axis=1))
+    curves = np.stack([shape(speed / width) for width in np.geomspace(0.01, 0.5, 14)], axis=1)
+    assert np.sqrt(np.mean((curves - Q @ (Q.T @ curves)) ** 2)) < most

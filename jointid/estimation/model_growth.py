@@ -44,7 +44,7 @@ _INIMITABLE = 5e3
 """Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
 above the noise: they explain 99.5 % of its effect."""
 _MANY_ROWS = 10_000
-"""Equations, those of six joints in 40 records, from which one part is tried where the model explains
+"""Equations, those of six joints in 33 records, from which one part is tried where the model explains
 the data, as beside a law of the gears: a fit takes seconds."""
 
 

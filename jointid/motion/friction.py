@@ -25,7 +25,8 @@ _HATS_PER_HARMONIC = 3
 
 _WIDTHS = (0.01, 0.024, 0.06, 0.145, 0.35)
 """Decay velocities of the friction curve's parts, over the joint's largest velocity in a usual record of
-sines (the median: others hardly move a joint that its controller holds) or in all motions."""
+sines (the median: others hardly move a joint that its controller holds) or in all motions. Over a sine,
+they leave 1 % of a Stribeck curve that falls as a Gaussian, and less of others; three left 2 %."""
 
 GRID = 1024
 """Points per period; many times the highest harmonic, also of effects per turn of the motors."""
