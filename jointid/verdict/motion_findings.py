@@ -12,6 +12,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.transfer_matrix import TransferMatrix
+from jointid.uncertainty.comparison import compare
 from jointid.verdict.evidence import Evidence, Finding, good, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import torque_lags
@@ -30,8 +31,6 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
-_AT_ODDS = 3.0
-"""Standard errors beyond which two values of a stiffness differ."""
 _ARC_SECONDS = 180 / np.pi * 3600
 
 
@@ -181,18 +180,16 @@ def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Iterator
 
     Both begin with K1 ... Kn, N·m/rad at the joint.
     """
-    pairs = list(zip(motors, sensors, strict=False))  # sensors give no D
-    value = np.array([[q.value for q in pair] for pair in pairs])
-    sigmas = np.abs(np.diff(value)[:, 0]) / np.array([np.hypot(p.error, q.error) for p, q in pairs])
-    joints = np.flatnonzero(sigmas > _AT_ODDS)
-    if joints.size:
-        j = int(joints[np.argmax(sigmas[joints])])
-        motor, sensor = pairs[j]
+    apart = [row for row in compare(motors, sensors) if row.is_clear]
+    if apart:
+        worst = max(apart, key=lambda row: abs(row.sigmas))
+        motor, sensor = worst.first, worst.second
+        joints = [row.first.joints[0] for row in apart]
         yield warning(
-            f"Motors and sensors behind the gears disagree on K of {joints_text(joints + 1)}",
+            f"Motors and sensors behind the gears disagree on K of {joints_text(joints)}",
             f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
-            f"{' '.join(sensor.shown)} from the sensor behind the gear: {sigmas[j]:.1f} standard errors "
-            "apart.",
+            f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
+            "standard errors apart.",
             "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
             "they measure the deflection itself.",
             float(abs(motor.value / sensor.value - 1)),
