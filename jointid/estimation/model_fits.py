@@ -106,12 +106,12 @@ def fit_model(
     def at(p: Parameters) -> FrictionWaveforms | None:
         return completed(waveforms, model.effects, model.per_turn, phasors, prior, p)
 
-    def fitted(start: Parameters) -> LikelihoodEstimate:
+    def fitted(start: Parameters, friction: FrictionWaveforms | None) -> LikelihoodEstimate:
         return maximum_likelihood(
             phasors,
             prior,
             start,
-            friction=at(start),
+            friction=friction,
             delay=model.delay,
             effects=model.effects,
             noise=noise,
@@ -120,18 +120,19 @@ def fit_model(
 
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            estimate = fitted(start)
+            friction = at(start)
+            estimate = fitted(start, friction)
             if not np.isfinite(estimate.cost):  # the gear's motion diverges from some starts
                 raise np.linalg.LinAlgError("not finite")
             # Load-dependent friction and, in motions, the arms' directions follow from the parameters.
             turned = "arm_coulomb" in model.effects and phasors.motion.any()
             follows = {"load", "transmission"}.intersection(model.effects)
-            same = not turned and not (follows and _differ(at(start), at(estimate.named)))
+            same = not turned and not (follows and _differ(friction, at(estimate.named)))
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]
                 if not np.allclose(found, waveforms.position_filter, rtol=_SAME_FILTER):
                     waveforms, same = model_waveforms(phasors, model, estimate.named), False
-            return estimate if same else fitted(estimate.named)
+            return estimate if same else fitted(estimate.named, at(estimate.named))
     except np.linalg.LinAlgError as error:
         raise JointIdError("The model does not fit: its parameters overflow.") from error
 
