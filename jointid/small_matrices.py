@@ -162,13 +162,14 @@ def _controller() -> ThreadpoolController:
 
 
 def decaying(decay: Floats | Complexes, drive: Numbers) -> Numbers:
-    """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N), decay (n, N) or (n, 1).
+    """z[k] = decay[k] z[k − 1] + drive[k] from zero; drives (n, N) or (n, N, c), decay (n, N) or (n, 1).
 
     As ``scipy.signal.lfilter``, whose import takes a third of a second.
     """
     solve = ztbtrs if np.iscomplexobj(drive) else dtbtrs
-    band, found = np.ones((2, drive.shape[1]), drive.dtype), np.empty_like(drive)
-    for own, kept, driven in zip(found, np.broadcast_to(decay, drive.shape), drive, strict=True):
-        band[1, :-1] = -kept[1:]
-        own[:] = solve(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
-    return found
+    band = np.ones((2, drive.shape[0] * drive.shape[1]), drive.dtype, order="F")
+    kept = np.array(np.broadcast_to(decay, drive.shape[:2]))
+    kept[:, 0] = 0
+    band[1, :-1] = -kept.ravel()[1:]
+    right = drive.reshape(band.shape[1], -1)
+    return np.asarray(solve(band, right, uplo="L", diag="U")[0].reshape(drive.shape))

@@ -5,7 +5,7 @@ import pytest
 
 from jointid.gears.dahl import DahlSteps, dahl
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import periodic_dahl, spread
+from jointid.gears.torque_spread import average_dahl, periodic_dahl, spread
 
 
 @pytest.mark.parametrize("presliding", [0.03, 0.1])
@@ -61,6 +61,20 @@ def test_a_period_of_dahl_continues_itself() -> None:
             sign = np.sign(move)
             z = sign + (z - sign) * np.exp(-np.abs(move) * sharpness[:, 0])
     np.testing.assert_allclose(periodic_dahl(delta, sharpness), found, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-12, 1e-6, 0.3])
+def test_the_mean_over_a_step_is_that_of_many_small_ones(size: float) -> None:
+    """A gear at rest had the whole torque of the loop, and small moves lost ten digits."""
+    turn = np.repeat(np.arange(40), 500) + np.tile(np.arange(500) / 500, 40)
+    corners = np.append(size * np.sin(2 * np.pi * np.arange(40) / 40 + 0.3), 0)
+    corners[-1] = corners[0]
+    fine = np.interp(turn, np.arange(41), corners)[None]
+    sharpness = np.array([[3.0]])
+    z = periodic_dahl(fine, sharpness)[0].reshape(40, 500)
+    expected = np.roll((z.sum(axis=1) + 0.5 * (np.roll(z, -1, axis=0)[:, 0] - z[:, 0])) / 500, 1)
+    found = average_dahl(corners[None, :-1], sharpness)[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-4 * size)
 
 
 @pytest.mark.parametrize("loops", [False, True])

@@ -9,7 +9,7 @@ import numpy as np
 from jointid.arrays import Complexes, Floats
 from jointid.gears.gear import Gear
 from jointid.gears.laws import GearLaws
-from jointid.gears.torque_spread import inner, periodic_dahl, spread
+from jointid.gears.torque_spread import average_dahl, inner, spread
 from jointid.phasors.periods import phasors_of, samples_of
 
 _POINTS = 8
@@ -236,10 +236,7 @@ def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Comple
     average = (energy - np.roll(energy, 1, axis=-1)) / move
     if laws.hysteretic:
         # Its slope depends on all moves before: ``_loop_spread``.
-        z = periodic_dahl(chords, laws.sharpness)
-        change = z - np.roll(z, 1, axis=-1)
-        turns = np.where(laws.sharpness > 0, laws.sharpness * np.abs(move), 1.0)
-        average = average + laws.level * (np.sign(move) - change / turns)
+        average = average + laws.level * average_dahl(chords, laws.sharpness)
     found[..., 0] += average.mean(axis=-1)
     found[..., 1:] += phasors_of(average, H) * np.exp(1j * np.pi * turn) / np.sinc(turn)
     steep = (torque - np.roll(torque, 1, axis=-1)) / move

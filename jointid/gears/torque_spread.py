@@ -8,42 +8,34 @@ from scipy.sparse import csr_array
 from jointid.arrays import Complexes, Floats
 from jointid.gears.laws import GearLaws
 from jointid.phasors.periods import pairs
+from jointid.small_matrices import decaying
 
 
 def periodic_dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    move = np.moveaxis(np.diff(delta, axis=-1, append=delta[..., :1]), -1, 0)
-    decay = np.exp(-np.abs(move) * sharpness[..., 0])
-    return np.moveaxis(_periodic(decay, np.sign(move) * (1 - decay)), 0, -1)
+    move = np.diff(delta, axis=-1, append=delta[..., :1])
+    lost = np.expm1(-np.abs(move) * sharpness)
+    decay, drive = (x.reshape(-1, delta.shape[-1]) for x in (1 + lost, -np.sign(move) * lost))
+    return _periodic(decay, drive[..., None]).reshape(delta.shape)
+
+
+def average_dahl(delta: Floats, sharpness: Floats) -> Floats:
+    """Mean of ``periodic_dahl`` over the steps to each sample, in which the deflection moves uniformly.
+
+    Accurate for the smallest steps, also of a gear at rest.
+    """
+    before = np.roll(periodic_dahl(delta, sharpness), 1, axis=-1)
+    move = delta - np.roll(delta, 1, axis=-1)
+    way = sharpness * np.abs(move)
+    kept = np.divide(-np.expm1(-way), way, out=np.ones_like(way), where=way > 0)
+    return np.asarray(before * kept + np.sign(move) * (1 - kept))
 
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:
-    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k], first axis time.
-
-    Blocks are solved side by side from zero, with the effect of their starts, and then joined.
-    """
-    samples = len(drive)
-    length = int(np.ceil(np.sqrt(samples)))
-    blocks = -(-samples // length)
-
-    def split(x: Floats, rest: float) -> Floats:
-        filled = np.full((blocks * length, *x.shape[1:]), rest)
-        filled[:samples] = x
-        return filled.reshape(blocks, length, *x.shape[1:]).swapaxes(0, 1)
-
-    decay, drive = split(decay, 1.0), split(drive, 0.0)
-    z = np.zeros((length + 1, *drive.shape[1:]))
-    for k in range(length):
-        np.multiply(decay[k], z[k], out=z[k + 1])
-        z[k + 1] += drive[k]
-    left = np.cumprod(np.concatenate([np.ones_like(decay[:1]), decay]), axis=0)
-    start = np.zeros((blocks + 1, *z.shape[2:]))
-    for k in range(blocks):
-        start[k + 1] = left[-1, k] * start[k] + z[-1, k]
-    before = np.cumprod(np.concatenate([np.ones_like(left[-1, :1]), left[-1]]), axis=0)
-    start += before * (start[-1] / np.maximum(1 - before[-1], 1e-9))
-    whole = z[:-1] + left[:-1] * start[:-1]
-    return np.asarray(whole.swapaxes(0, 1).reshape(blocks * length, *whole.shape[2:])[:samples])
+    """Periodic solution of z[k + 1] = decay[k] z[k] + drive[k] of g gears, (g, t) and (g, t, c)."""
+    after, left = decaying(decay, drive), decay.cumprod(axis=1)[..., None]
+    after += left * (after[:, -1:] / np.maximum(1 - left[:, -1:], 1e-9))
+    return np.roll(after, 1, axis=1)
 
 
 def inner(m: int, H: int) -> list[int]:
@@ -88,14 +80,14 @@ def _loop_spread(
     count = turns.sum(axis=1)
     turn = np.arange(starts.size) - (np.cumsum(count) - count)[gear]
     kept, drive, lasting = (
-        np.full((count.max(), delta.shape[0], size), rest)
+        np.full((delta.shape[0], count.max(), size), rest)
         for size, rest in ((1, 1.0), (1 + 2 * m, 0.0), (1 + 2 * H, 0.0))
     )
-    kept[turn, gear, 0], lasting[turn, gear] = decay[ends], level[gear, None] * parts
-    drive[(turn - 1) % count[gear], gear] = jump * waves[inner(m, H)].T[at - 1]
-    y = _periodic(kept, drive)
+    kept[gear, turn, 0], lasting[gear, turn] = decay[ends], level[gear, None] * parts
+    drive[gear, (turn - 1) % count[gear]] = jump * waves[inner(m, H)].T[at - 1]
+    y = _periodic(kept[..., 0], drive)
     slope = (level * sharpness)[:, None] * (1 - s * z)
-    return slope, y.transpose(1, 2, 0) @ lasting.swapaxes(0, 1)
+    return slope, y.swapaxes(1, 2) @ lasting
 
 
 def _slope_spread(c: Complexes, m: int, H: int) -> Floats:
