@@ -156,6 +156,26 @@ def test_a_part_of_fourteen_errors_is_certain() -> None:
     assert not fits.is_certain(PLAIN, "delay")
 
 
+@pytest.mark.parametrize(("size", "found"), [(0.5, True), (0.03, False)])
+def test_a_curve_of_friction_is_significant_as_a_whole(size: float, found: bool) -> None:
+    """Slow and fast parts imitate each other: none differs from zero by its own error.
+
+    The true model was rejected, and lags with gravity took its place: K1 12 stated errors off, usable.
+    """
+    layout = ParameterLayout.of(1, friction=True, curve_parts=2)
+    p = layout.pack(K=20.0, D=0.1, coulomb=size, curve=[size, -size])
+    rubbed = layout.of_part("friction")
+    covariance = np.diag([0.1**2, 0.01**2, *np.full(layout.size - 2, 0.01**2)])
+    covariance[rubbed, rubbed] += 1.0  # their sum is hardly known
+    fitted: Any = SimpleNamespace(
+        p=p, layout=layout, named=layout.named(p), covariance=covariance, misfit=1.0
+    )
+    model = replace(RUBBING, curve=True)
+    assert np.all(np.abs(p[rubbed]) < 5 * np.sqrt(np.diag(covariance)[rubbed]))
+    fits = Fits(("friction",), ROWS, {model: fitted})
+    assert fits.part_is_significant(model, fitted, "friction") == found
+
+
 @pytest.mark.parametrize(
     ("delay", "misfit", "found"),
     [(5.01, 1.0, True), (-5.01, 0.5, True), (4.99, 1.0, False), (9.9, 4.0, False), (10.1, 4.0, True)],

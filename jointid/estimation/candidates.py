@@ -306,7 +306,9 @@ class Fits:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False
             clear &= size > 0
-        elif part == "friction" and not model.curve:
+        elif part == "friction" and model.curve:  # its parts are certain together, if not each
+            return self.is_certain(model, part, _SIGNIFICANT**2 + size.size)
+        elif part == "friction":
             if not dissipates(estimate):
                 return False
             clear &= size > 0
