@@ -12,6 +12,7 @@ from io import StringIO
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from app_pages import ELASTICITY, opened_app, shown, upload
 from random_cases import tries
@@ -53,7 +54,14 @@ from jointid.files.study_files import pack_study
 from jointid.fleet.row import row_of
 from jointid.fleet.spread import fleet_spread
 from jointid.fleet.table import read_fleet, to_parquet
-from jointid.importing import apply_mapping, find_runs, guess_mapping, read_log, study_from_logs
+from jointid.importing import (
+    Channel,
+    apply_mapping,
+    find_runs,
+    guess_mapping,
+    read_log,
+    study_from_logs,
+)
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.uncertainty.comparison import comparable, compare
@@ -185,6 +193,53 @@ def test_a_joint_that_hardly_moves_in_a_record_leaves_the_others(share: float) -
         assert np.isfinite(alone.K[1:SENSORS]).all()
 
 
+DEAD = {
+    "does not move while its motor does (motion record 1: 0.3 rad": lambda q, arm: 0 * arm + 0.3,
+    "moves −1 times as far": lambda q, arm: -arm,
+    "moves 57.3 times as far": lambda q, arm: np.rad2deg(arm),
+    "no deflection beyond its rounding, and seems to be computed": lambda q, arm: q,
+    "seems to be computed": lambda q, arm: np.round(q / 1e-4) * 1e-4 + 0.01,  # 2¹⁶ steps a turn
+    "computed from the motor's position": lambda q, arm: np.r_[q[0], q[:-1]],  # a sample later
+}
+
+
+@pytest.mark.parametrize("reason", DEAD)
+def test_a_dead_sensor_is_refused_alone(reason: str) -> None:
+    """It refused the whole study, or had an error of more than 1000 %, or K = 1.5e10 ± 10 %."""
+    given = motion_record(TRUTH, 1, seconds=6.0)
+    arm = np.array(given.arm_rad)
+    arm[:, 1] = DEAD[reason](given.theta_rad[:, 1] / ROBOT.gear_ratio[1], arm[:, 1])
+    found = identify_arm_side(replace(given, arm_rad=arm), KNOWN)
+    assert reason in found.reasons[1]
+    assert np.isnan(found.K[1])
+    assert np.all(np.abs(found.K - np.r_[TRUTH.K, 1, 1, 1])[[0, 2]] < 3 * found.standard_error[[0, 2]])
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_an_empty_column_of_a_sensor_is_no_sensor(tmp_path: Path, ending: str) -> None:
+    """It refused the record, or all rows of a log."""
+    given = rows_of(record(), slice(200))
+    study = replace(own_study(model=True), records=[given])
+    save_study(study, tmp_path / "study", record_format=ending)
+    (file,) = (tmp_path / "study" / "records").iterdir()
+    read, write = (f"{kind}_{ending}" for kind in ("read", "to"))
+    table = getattr(pd, read)(file)
+    table["theta_a2_rad"] = np.nan
+    getattr(table, write)(file, index=False)
+    (loaded,) = load_study(tmp_path / "study").records
+    assert isinstance(loaded, MotionRecord)
+    assert loaded.arm_rad is not None
+    assert np.isfinite(loaded.arm_rad[0]).tolist() == [True, False, True, False, False, False]
+    if ending == "csv":  # its reader leaves out empty columns
+        return
+    mapping = guess_mapping(read_log(file)[0]).mapping
+    sensor = Channel("theta_a2", "rad")
+    joints = [replace(each, arm=sensor if j == 1 else each.arm) for j, each in enumerate(mapping.joints)]
+    log = apply_mapping(read_log(file)[0], replace(mapping, joints=tuple(joints)))
+    assert log.samples == 200
+    assert any("joint 2 is read without its sensor" in note for note in log.notes)
+
+
 def test_joints_that_share_a_motor_are_refused() -> None:
     """With the springs at the motors, K of a wrist was 34 % wrong, 8 stated errors."""
     C = np.diag(1 / ROBOT.gear_ratio)
@@ -202,7 +257,7 @@ def test_a_joint_without_torque_is_refused() -> None:
     massless += b"center = [0, 0, 0]\ninertia = [0, 0, 0, 0, 0, 0]\n"
     t = 0.004 * np.arange(2500)
     arm = np.sin(2 * t)[:, None]
-    given = MotionRecord(time_s=t, theta_rad=100 * arm, tau_Nm=arm, arm_rad=arm)
+    given = MotionRecord(time_s=t, theta_rad=100 * arm, tau_Nm=arm, arm_rad=arm + 1e-5 * arm**2)
     found = identify_arm_side(given, RobotModel.parse("massless.toml", massless))
     assert np.isnan(found.K[0])
     assert "no torque loads it" in found.reasons[0]
@@ -542,7 +597,12 @@ def test_sensors_that_fail_do_not_spoil_the_answer_of_the_motors() -> None:
 def test_without_any_answer_both_reasons_are_stated(tmp_path: Path) -> None:
     reversed_ = replace(record(), arm_rad=-np.asarray(record().arm_rad))
     study = replace(own_study(model=True), records=[reversed_])
-    with pytest.raises(JointIdError, match=f"{MOTORS_ALONE}.* {SENSORS_FAIL}.*moves −1 times"):
+    found = answer_of(study)
+    assert found.headline == "Not usable: K of joints 1, 2 and 3 is not determined."
+    assert "moves −1 times" in found.findings[0].detail
+    assert MOTORS_ALONE in [each.title for each in found.findings]
+    study = replace(study, records=[rows_of(record(), slice(40))])
+    with pytest.raises(JointIdError, match=f"{MOTORS_ALONE}.* {SENSORS_FAIL}.*too short"):
         answer_of(study)
     at = upload(opened_app().run(), pack_study(study, record_format="parquet"))
     for page in ("app.py", ELASTICITY, "pages/7_Report.py"):

@@ -12,18 +12,17 @@ from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
+from jointid.arm_side.sensor_faults import ALIKE, sensor_faults, share
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
-from jointid.wording import minus, percent
+from jointid.wording import percent
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
-_LEAST_RAD = 1e-4
-"""Range of a joint's angle up to which it rests: noise of its encoders."""
 _SLIP = 0.1
 """Lowest velocity, in parts of the largest between two rests or reversals: as a joint starts or stops,
 friction and lubrication of the gear change its deflection by more than any law of friction here."""
@@ -37,9 +36,6 @@ _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
-_ALIKE, _MOST_DEFLECTION_RAD = 2.0, 2e-3
-"""Largest ratio of the motions on both sides of a gear, and largest deflection: of a joint that hardly
-moves, it may exceed the motion."""
 _ROUNDS = 3
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
 """Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
@@ -128,33 +124,13 @@ def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
     return found
 
 
-def _share(motion: BandLimited, j: int) -> float:
-    """Motion of a sensor over that of its motor, through the gear; NaN for a joint at rest."""
-    q = motion.raw[:, j]
-    if np.ptp(q) < _LEAST_RAD:
-        return np.nan
-    moves = q - q.mean()
-    return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
-
-
-def _require_alike(record: MotionRecord, motion: BandLimited) -> None:
-    """Refuse a sensor that does not move as its motor does: another unit, sign or joint."""
-    for j in np.flatnonzero(np.ptp(motion.raw_deflection, axis=0) > _MOST_DEFLECTION_RAD).tolist():
-        share = _share(motion, j)
-        if not (np.isnan(share) or 1 / _ALIKE < share < _ALIKE):
-            raise JointIdError(
-                f"{record.label or 'A record'}: the sensor of joint {j + 1} moves "
-                f"{minus(f'{share:.3g}')} times as far as its motor and the gear ratio imply. Give its "
-                "angles in rad at the joint, and check the gear ratio and its sign."
-            )
-
-
 def _identified(
     given: list[MotionRecord], robot: RobotModel, band_hz: float | None, torque_std: float
 ) -> ArmSideFit:
     motions = [band_limited(record, robot, band_hz) for record in given]
-    for record, motion in zip(given, motions, strict=True):
-        _require_alike(record, motion)
+    sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
+    faults = sensor_faults(given, motions)
+    motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
@@ -192,9 +168,8 @@ def _identified(
         weight[j] > _WEIGHTLESS * swing[j] or clear_moves([m.dq[:, j] for m in motions]) >= _FEWEST_MOVES
         for j in range(robot.n)
     ]
-    sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
     reasons = tuple(
-        _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
+        faults[j] or _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
         for j, joint in enumerate(joints)
     )
     K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)
@@ -247,7 +222,7 @@ def _joint(
     round_: int,
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    seen = [k for k in sensed if 1 / _ALIKE < _share(motions[k], j) < _ALIKE]
+    seen = [k for k in sensed if 1 / ALIKE < share(motions[k], j) < ALIKE]
     fastest = max((float(np.abs(motions[k].dq[:, j]).max()) for k in seen), default=0.0)
     own = {k: over_own_move(motions[k].dq[:, j], fastest) for k in seen}
     seen = [k for k in seen if own[k][motions[k].inner].max() > _SLIP]
@@ -335,8 +310,9 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
+        fault = "it is negative" if joint.compliance <= 0 else f"its error is {percent(relative)}"
         return (
-            f"K is not identifiable from this motion: its error is {percent(relative)}. "
+            f"K is not identifiable from this motion: {fault}. "
             "The joint's torque varies too little, or only together with the transmission error. "
             "Move through poses of different gravity, or faster."
         )

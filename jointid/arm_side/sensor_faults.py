@@ -1,0 +1,78 @@
+"""Sensors that do not show the deflection of their gear: they are left out, the other joints are not."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jointid.arm_side.band_limited import BandLimited
+from jointid.arrays import Floats
+from jointid.records import MotionRecord
+from jointid.wording import minus
+
+LEAST_RAD = 1e-4
+"""Range of a joint's angle up to which it rests: noise of its encoders."""
+ALIKE = 2.0
+"""Largest ratio of the motions on both sides of a gear."""
+_MOST_DEFLECTION_RAD = 2e-3
+"""Deflection from which they are compared: that of a joint that hardly moves may exceed its motion."""
+_LEAST_DEFLECTION_RAD, _ROUNDED = 2e-6, 1.1
+"""Deflection that no gear stays below, and that by rounding, in standard deviations of rounding."""
+COMPUTED = (
+    "Its sensor shows no deflection beyond its rounding, and seems to be computed from the motor's "
+    "position. Log the angle that the sensor behind the gear measures, or leave its column out."
+)
+
+
+def share(motion: BandLimited, j: int) -> float:
+    """Motion of a sensor over that of its motor, through the gear; NaN for a joint at rest."""
+    q = motion.raw[:, j]
+    if np.ptp(q) < LEAST_RAD:
+        return np.nan
+    moves = q - q.mean()
+    return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
+
+
+def sensor_faults(records: Sequence[MotionRecord], motions: Sequence[BandLimited]) -> list[str]:
+    """Reason why the sensor of each joint cannot be used, n texts; empty without a fault."""
+    found = [""] * records[0].n
+    for k, (record, motion) in enumerate(zip(records, motions, strict=True), start=1):
+        where = record.label or f"motion record {k}"
+        for j in np.flatnonzero(np.isfinite(motion.deflection).all(axis=0)).tolist():
+            found[j] = found[j] or _fault(motion, j, where)
+    return found
+
+
+def _fault(motion: BandLimited, j: int, where: str) -> str:
+    moves, angle = share(motion, j), motion.raw[:, j] - motion.raw_deflection[:, j]
+    if np.isnan(moves):
+        return ""
+    if np.ptp(angle) < 1e-12 * np.ptp(motion.raw[:, j]):
+        return (
+            f"Its sensor does not move while its motor does ({where}: {angle[0]:.4g} rad throughout). "
+            "Check the sensor and its column of the log, or leave the column out."
+        )
+    apart = np.ptp(motion.raw_deflection[:, j]) > _MOST_DEFLECTION_RAD
+    if apart and not 1 / ALIKE < moves < ALIKE:
+        return (
+            f"Its sensor moves {minus(f'{moves:.3g}')} times as far as its motor and the gear ratio "
+            f"imply ({where}). Give its angles in rad at the joint, and check that it belongs to this "
+            "joint, its sign and the gear ratio."
+        )
+    return COMPUTED if _is_computed(motion, j) else ""
+
+
+def _is_computed(motion: BandLimited, j: int) -> bool:
+    """Whether motor and sensor differ by a constant, a skew and rounding only."""
+    skew, velocity = np.zeros(motion.q.shape[1]), motion.dq[motion.inner, j]
+    for _ in range(3):
+        late = motion.aligned(skew).deflection[motion.inner, j]
+        skew[j] += float((late - late.mean()) @ velocity) / float(velocity @ velocity)
+    left = motion.aligned(skew).elastic()[motion.inner, j].std()
+    rounding = _step(motion.raw[:, j] - motion.raw_deflection[:, j]) / np.sqrt(12)
+    return bool(left < _ROUNDED * rounding + _LEAST_DEFLECTION_RAD)
+
+
+def _step(angle: Floats) -> float:
+    """Smallest change of an angle (N,), apart from that by decimals: its rounding, if it is rounded."""
+    steps = np.abs(np.diff(angle))
+    return float(steps[steps > 1e-9 * np.ptp(angle)].min())
