@@ -19,6 +19,7 @@ from random_cases import tries
 from typer.testing import CliRunner
 
 from jointid import (
+    Analysis,
     ArmSideFit,
     Elasticity,
     Inertia,
@@ -35,6 +36,7 @@ from jointid.analysis import (
     MOTORS_ALONE,
     NOT_USABLE,
     SENSORS_FAIL,
+    UNUSABLE_MOTORS,
     USABLE,
     WITH_CARE,
     ArmSideAnalysis,
@@ -65,6 +67,7 @@ from jointid.importing import (
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.uncertainty.comparison import comparable, compare
+from jointid.verdict.evidence import problem
 from jointid.verdict.motion_findings import arm_side_findings, at_odds
 from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_record
 
@@ -627,6 +630,31 @@ def test_motors_and_sensors_that_disagree_are_a_finding() -> None:
     assert both.state == WITH_CARE
 
 
+def test_a_usable_answer_leads_over_one_that_is_not(tmp_path: Path) -> None:
+    """The motors' led, and no K was exported, compared or reported but with --arm-side."""
+    study = own_study(model=True)
+    good = analyse(load_study("sample_data/six_axes.zip"))
+    bad = replace(good, findings=(problem("Wrong unit", "", "", 1.0), *good.findings))
+    sensed = answer()
+    found = answer_of(study, motors=lambda _: bad, sensors=lambda _: sensed)
+    assert isinstance(found, ArmSideAnalysis)
+    assert (found.state, found.headline) == (sensed.state, sensed.headline)
+    assert found.motors is bad
+    assert found.findings[-1].title == UNUSABLE_MOTORS
+    assert found.findings[-1].detail == "Wrong unit."
+    document = json.loads(to_json(found))
+    assert (document["side"], document["motors"]["state"]) == ("joint", NOT_USABLE)
+    assert tomllib.loads(to_toml(found))["motors"]["K"] == bad.fit.K.tolist()
+    assert row_of(found, study="arm").state == sensed.state
+    assert [s.title for s in make_report(found, cut=False).sections if "Motors" in s.title]
+    useless = with_reason("At rest.", 0, 1, 2)
+    both = (good, sensed), (bad, useless), (good, useless)
+    for of_motors, of_sensors in both:
+        kept = answer_of(study, motors=lambda _, m=of_motors: m, sensors=lambda _, s=of_sensors: s)
+        assert isinstance(kept, Analysis)
+        assert kept.sensors is of_sensors
+
+
 def test_motors_that_contradict_their_sensors_end_in_an_answer_or_a_message() -> None:
     """With angles twice as large, one period of the slowest mode had more samples than an integer."""
     wrong = motion_record(TRUTH, 1, seconds=20.0)
@@ -796,3 +824,22 @@ def test_a_fleet_of_rows_without_damping_is_shown() -> None:
     assert any("**Stiffness K1**" in text.value for text in at.markdown)
     at = shown(at.segmented_control(key="fleet_joint").set_value(5).run())
     assert "No study determines K and D of joint 5." in [box.value for box in at.info]
+
+
+def test_the_pages_show_motors_that_are_not_usable_behind_their_sensors(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    good = analyse(load_study("sample_data/six_axes.zip"))
+    bad = replace(good, findings=(problem("Wrong unit", "In joint 1.", "Mend it.", 1.0),))
+    monkeypatch.setattr("jointid.ui.shared.page.Page.analysed", lambda _: bad)
+    at = upload(opened_app().run(), pack_study(own_study(model=True), record_format="parquet"))
+    assert answer().headline in [h.value.replace("\xa0", " ") for h in at.header]
+    assert any(UNUSABLE_MOTORS in box.value for box in at.info)
+    at = shown(at.switch_page(ELASTICITY).run())
+    headings = [h.value.replace("\xa0", " ") for h in at.header]
+    assert headings[:3] == ["Sensors behind the gears", answer().headline, "Motors"]
+    assert any("Not usable: Wrong unit" in box.value and "Mend it" in box.value for box in at.error)
+    at = shown(at.switch_page("pages/7_Report.py").run())
+    choice = at.segmented_control(key="answer_of")
+    assert choice.options == ["Sensors behind the gears", "Motors"]
+    assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)

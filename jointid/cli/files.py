@@ -51,11 +51,13 @@ def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
         return analyse(study, method=method)
 
 
-def answer_file(path: Path, method: str, *, arm_side: bool = False, **changes: Any) -> Answer:
-    """Read a study and return all that it gives, see ``answer_of``; or of arm-side sensors only."""
-    study = replace(load_named(path), **changes)
+def answer_file(path: Path, method: str, *, arm_side: bool | None = None, **changes: Any) -> Answer:
+    """Read a study and return all that it gives, see ``answer_of``; or of arm-side sensors or motors."""
+    study, motors = replace(load_named(path), **changes), partial(analyse, method=method)
     with progress("Analysing"):
-        return analyse_arm_side(study) if arm_side else answer_of(study, partial(analyse, method=method))
+        if arm_side is None:
+            return answer_of(study, motors)
+        return analyse_arm_side(study) if arm_side else motors(study)
 
 
 def robot_from(path: Path) -> KnownRobot:
