@@ -28,7 +28,7 @@ from jointid.study import Study, fits_with_motion, motion_matrices, motions_by_p
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
-from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings
+from jointid.verdict.motion_findings import AT_ODDS, arm_side_findings, at_odds, motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 MOTORS_ALONE = "The motors alone give no K and D"
@@ -65,6 +65,11 @@ class Answer:
     def torque_stated(self) -> bool:
         """Whether the errors include that of the torque scale; the robot model's always is."""
         return isinstance(self.fit, ArmSideFit) or self.study.torque_std is not None
+
+    @property
+    def contradiction(self) -> str:
+        """Title of the finding that motors and sensors behind the gears disagree; empty without."""
+        return next((f.title for f in self.findings if f.title.startswith(AT_ODDS)), "")
 
     @property
     def each(self) -> dict[str, Answer]:
@@ -269,14 +274,8 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
     else:
         fits = {} if known is None else dict(known.fits)
         fits |= identify_each(phasors, study.sine_prior, [m for m in LINEAR if m not in fits])
-        evidence = Evidence(
-            records=sines,
-            inertias=study.inertias,
-            phasors=phasors,
-            fit=fits["weighted"],
-            transfer_matrices=transfer_matrices,
-            automatic=None if known is None else known.fit,
-        )
+        given = sines, study.inertias, phasors, fits["weighted"], transfer_matrices
+        evidence = Evidence(*given, automatic=None if known is None else known.fit)
         if method not in fits:  # no rich model explains wrong data, and the search would take long
             fits |= identify_each(
                 phasors, study.sine_prior, [method], gives_up=partial(is_wrong, evidence)

@@ -50,6 +50,7 @@ from jointid.arm_side.mixed_model import Estimate
 from jointid.arm_side.position_map import position_map
 from jointid.arm_side.terms import Ripple, joint_torque
 from jointid.cli import app
+from jointid.cli.files import warn_of_sensors
 from jointid.exporting import answer_table, code_listing, to_json, to_toml
 from jointid.files.digest import study_digest
 from jointid.files.study_files import pack_study
@@ -843,3 +844,19 @@ def test_the_pages_show_motors_that_are_not_usable_behind_their_sensors(
     choice = at.segmented_control(key="answer_of")
     assert choice.options == ["Sensors behind the gears", "Motors"]
     assert any(f"K1 = {fit().K[0]:.7g}" in code.value for code in at.code)
+
+
+def test_cut_and_plan_repeat_that_sensors_contradict_the_motors(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    motors = analyse(load_study("sample_data/six_axes.zip"))
+    study = own_study(model=True)
+    motors = replace(motors, study=replace(motors.study, records=study.records))
+    monkeypatch.setattr("jointid.ui.shared.page.Page.analysed", lambda _: motors)
+    at = upload(opened_app().run(), pack_study(study, record_format="parquet"))
+    for page in ("pages/5_Cut.py", "pages/6_Plan.py"):
+        at = shown(at.switch_page(page).run())
+        assert any("disagree on K" in box.value and "of the motors" in box.value for box in at.warning)
+        assert any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))
+    warn_of_sensors(motors)
+    assert "disagree on K" in capsys.readouterr().err
