@@ -12,7 +12,7 @@ from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
-from jointid.arm_side.sensor_faults import ALIKE, sensor_faults, share
+from jointid.arm_side.sensor_faults import ALIKE, scale_fault, sensor_faults, share
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
@@ -147,6 +147,12 @@ def _identified(
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
         torque, payload, parts = ([each[k] for each in both] for k in range(3))
+        if not round_:
+            for k, record in enumerate(given):
+                where = record.label or f"motion record {k + 1}"
+                of_record = motions[k], torque[k], payload[k], where
+                faults = [f or scale_fault(j, *of_record) for j, f in enumerate(faults)]
+            motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
         parts = [torque_std * each for each in parts]
         mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]

@@ -17,6 +17,11 @@ _MOST_DEFLECTION_RAD = 2e-3
 """Deflection from which they are compared: that of a joint that hardly moves may exceed its motion."""
 _LEAST_DEFLECTION_RAD, _ROUNDED = 2e-6, 1.1
 """Deflection that no gear stays below, and that by rounding, in standard deviations of rounding."""
+_SCALE, _EXPLAINED = 2e-3, 0.9
+"""Error of the scale from which it changes K, and the share of the deflection beyond torque and friction
+that it then explains: a transmission error of 100 seconds of arc has less than half of both."""
+_SLIDING_RAD_S = 5e-3
+"""Velocity at which friction in the gear has built up."""
 COMPUTED = (
     "Its sensor shows no deflection beyond its rounding, and seems to be computed from the motor's "
     "position. Log the angle that the sensor behind the gear measures, or leave its column out."
@@ -53,12 +58,37 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
         )
     apart = np.ptp(motion.raw_deflection[:, j]) > _MOST_DEFLECTION_RAD
     if apart and not 1 / ALIKE < moves < ALIKE:
-        return (
-            f"Its sensor moves {minus(f'{moves:.3g}')} times as far as its motor and the gear ratio "
-            f"imply ({where}). Give its angles in rad at the joint, and check that it belongs to this "
-            "joint, its sign and the gear ratio."
-        )
+        return _moves_otherwise(f"{moves:.3g}", where)
     return COMPUTED if _is_computed(motion, j) else ""
+
+
+def _moves_otherwise(moves: str, where: str) -> str:
+    return (
+        f"Its sensor moves {minus(moves)} times as far as its motor and the gear ratio imply "
+        f"({where}). Give its angles in rad at the joint, and check that it belongs to this joint, its "
+        "sign and the gear ratio; if the gear ratio is wrong, K of other joints is wrong as well."
+    )
+
+
+def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, where: str) -> str:
+    """Reason why the sensor of a joint cannot be used: its scale, or the gear ratio, is slightly wrong.
+
+    Nothing else leaves a deflection proportional to the angle that torque (N, n) and its change with the
+    payload, (N, n, 4), do not explain.
+    """
+    if not np.isfinite(motion.deflection[:, j]).all() or np.isnan(share(motion, j)):
+        return ""
+    velocity = motion.dq[:, j]
+    known = [np.ones_like(velocity), velocity, np.tanh(velocity / _SLIDING_RAD_S), motion.ddq[:, j]]
+    X = np.column_stack([*known, torque[:, j], payload[:, j]])[motion.inner]
+    U, singular, _ = np.linalg.svd(X / np.linalg.norm(X, axis=0).clip(1e-9), full_matrices=False)
+    U = U[:, singular > 1e-9 * singular[0]]
+    both = motion.q[motion.inner, j], motion.deflection[motion.inner, j]
+    angle, left = (each - U @ (U.T @ each) for each in both)
+    extra = float(angle @ left) / float(angle @ angle)
+    explained = 1 - np.var(left - extra * angle) / np.var(left)
+    apart = min(abs(extra) / _SCALE, abs(extra) * np.ptp(motion.q[:, j]) / _MOST_DEFLECTION_RAD) > 1
+    return _moves_otherwise(f"{1 - extra:.4g}", where) if apart and explained > _EXPLAINED else ""
 
 
 def _is_computed(motion: BandLimited, j: int) -> bool:
