@@ -338,7 +338,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return (
             f"K is not identifiable from this motion: {fault}. "
             "The joint's torque varies too little, or only together with the transmission error. "
-            "Move through poses of different gravity, or faster."
+            "Move through poses of different gravity, or faster; check the sensor for dropouts."
         )
     if not shown:
         return (
