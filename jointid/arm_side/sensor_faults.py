@@ -51,7 +51,8 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
     moves, angle = share(motion, j), motion.raw[:, j] - motion.raw_deflection[:, j]
     if np.isnan(moves):
         return ""
-    if np.ptp(angle) < 1e-12 * np.ptp(motion.raw[:, j]):
+    hardly = np.ptp(motion.raw[:, j]) < _MOST_DEFLECTION_RAD  # as does a sensor that works
+    if not hardly and np.ptp(angle) < 1e-12 * np.ptp(motion.raw[:, j]):
         return (
             f"Its sensor does not move while its motor does ({where}: {angle[0]:.4g} rad throughout). "
             "Check the sensor and its column of the log, or leave the column out."
@@ -59,7 +60,7 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
     apart = np.ptp(motion.raw_deflection[:, j]) > _MOST_DEFLECTION_RAD
     if apart and not 1 / ALIKE < moves < ALIKE:
         return _moves_otherwise(f"{moves:.3g}", where)
-    return COMPUTED if _is_computed(motion, j) else ""
+    return COMPUTED if not hardly and _is_computed(motion, j) else ""
 
 
 def _moves_otherwise(moves: str, where: str) -> str:
@@ -76,7 +77,8 @@ def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, wh
     Nothing else leaves a deflection proportional to the angle that torque (N, n) and its change with the
     payload, (N, n, 4), do not explain.
     """
-    if not np.isfinite(motion.deflection[:, j]).all() or np.isnan(share(motion, j)):
+    hardly = np.ptp(motion.raw[:, j]) < _MOST_DEFLECTION_RAD
+    if hardly or not np.isfinite(motion.deflection[:, j]).all():
         return ""
     velocity = motion.dq[:, j]
     known = [np.ones_like(velocity), velocity, np.tanh(velocity / _SLIDING_RAD_S), motion.ddq[:, j]]
