@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from types import MappingProxyType
 from typing import ClassVar, Self, TypeVar
 
@@ -20,21 +19,21 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each, require_method
-from jointid.estimation.identify_motion import identify_motion, require_motion_method
 from jointid.estimation.quantities import Quantity
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
 from jointid.records import require_torques
 from jointid.small_matrices import one_thread
-from jointid.study import Study, motion_matrices, motions_by_pose, sine_matrices
+from jointid.study import Study, fits_with_motion, motion_matrices, motions_by_pose, sine_matrices
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
-from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings, wrong_motions
+from jointid.verdict.motion_findings import AT_ODDS, arm_side_findings, at_odds, motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 MOTORS_ALONE = "The motors alone give no K and D"
 SENSORS_FAIL = "The sensors behind the gears give no K"
+UNUSABLE_MOTORS = "The answer of the motors is not usable"
 Found = TypeVar("Found")
 STATES = (USABLE, WITH_CARE, NOT_USABLE)
 """States of an answer, best first."""
@@ -66,6 +65,17 @@ class Answer:
     def torque_stated(self) -> bool:
         """Whether the errors include that of the torque scale; the robot model's always is."""
         return isinstance(self.fit, ArmSideFit) or self.study.torque_std is not None
+
+    @property
+    def contradiction(self) -> str:
+        """Title of the finding that motors and sensors behind the gears disagree; empty without."""
+        return next((f.title for f in self.findings if f.title.startswith(AT_ODDS)), "")
+
+    @property
+    def each(self) -> dict[str, Answer]:
+        """This answer, then the other one of the study if there is one, by their names."""
+        both = {"Motors": self, "Sensors behind the gears": self.sensors}
+        return {name: answer for name, answer in both.items() if answer}
 
     def shown_in(self, name: str) -> Self:
         """Return this answer in a unit of ``jointid.answer.STIFFNESS_UNITS``."""
@@ -120,15 +130,24 @@ class ArmSideAnalysis(Answer):
     left_out_rad: Floats
     """Root mean square error of the deflection predicted for a record left out of the fit, shape (n,);
     NaN where K is refused or there is one record only."""
+    motors: Analysis | None = None
+    """Answer of the motors, where it is not usable; None where they give none."""
     error_bars: ClassVar[str] = (
         "± is one standard error from noise, payload, choice of terms and "
         f"{100 * TORQUE_STD:g} % of the robot model's torque."
     )
 
+    @property
+    def each(self) -> dict[str, Answer]:
+        """This answer, then that of the motors if there is one, by their names."""
+        return {"Sensors behind the gears": self} | ({"Motors": self.motors} if self.motors else {})
+
     def shown_in(self, name: str) -> Self:
         """Return this answer for the angle of a unit of ``STIFFNESS_UNITS``; it stays at the joint."""
         angle = StiffnessUnit.named(name, self.unit.gear_ratio).angle
-        return replace(self, unit=replace(self.unit, angle=angle))
+        known = self.study.gear_ratios is not None
+        motors = self.motors.shown_in(name) if self.motors and known else self.motors
+        return replace(self, unit=replace(self.unit, angle=angle), motors=motors)
 
     @property
     def _unit_of_K(self) -> tuple[str, float]:
@@ -248,21 +267,15 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         by_pose, problem = motions_by_pose(study, transfer_matrices, problem)
         of_motions, problem = motion_matrices(by_pose, problem)
         transfer_matrices |= of_motions
-        fits = _fits_with_motion(study, phasors, method, transfer_matrices)
+        fits = fits_with_motion(study, phasors, method, transfer_matrices)
         by_pose = {pose: by_pose[pose] for pose in of_motions}
         freed, problem = motion_matrices(by_pose, problem, fits[method])
         found = motion_findings(study.records, study.inertias, phasors, fits, transfer_matrices)
     else:
         fits = {} if known is None else dict(known.fits)
         fits |= identify_each(phasors, study.sine_prior, [m for m in LINEAR if m not in fits])
-        evidence = Evidence(
-            records=sines,
-            inertias=study.inertias,
-            phasors=phasors,
-            fit=fits["weighted"],
-            transfer_matrices=transfer_matrices,
-            automatic=None if known is None else known.fit,
-        )
+        given = sines, study.inertias, phasors, fits["weighted"], transfer_matrices
+        evidence = Evidence(*given, automatic=None if known is None else known.fit)
         if method not in fits:  # no rich model explains wrong data, and the search would take long
             fits |= identify_each(
                 phasors, study.sine_prior, [method], gives_up=partial(is_wrong, evidence)
@@ -302,21 +315,29 @@ def answer_of(
     motors: Callable[[Study], Analysis] = analyse,
     sensors: Callable[[Study], ArmSideAnalysis] = analyse_arm_side,
 ) -> Analysis | ArmSideAnalysis:
-    """Return the analysis of the motors with ``sensors`` or, if motors alone give no K, that of these.
+    """Return all that a study gives: the analysis of its motors or of sensors behind its gears.
 
-    Raises JointIdError, with both reasons, when neither gives K.
+    The motors lead, as they also give D, with the others as ``sensors``; where only the sensors give a
+    usable answer, they lead, with the others as ``motors``.
+    Raises JointIdError, with both reasons, when neither gives an answer.
     """
     if not study.has_sensors:
         return motors(study)
     (found, lack), (beside, refusal) = _tried(motors, study), _tried(sensors, study)
-    texts = ((MOTORS_ALONE, lack), (SENSORS_FAIL, refusal))
-    notes = [Finding("note", title, text, "", 0.0) for title, text in texts if text]
-    if found is not None and beside is not None:
-        notes += at_odds(replace(found, unit=beside.unit).quantities, beside.quantities)
-    if (answer := found or beside) is None:
+    texts = [(MOTORS_ALONE, lack), (SENSORS_FAIL, refusal)]
+    if found is None and beside is None:
         raise JointIdError(" ".join(f"{title}. {text}" for title, text in texts))
-    ordered = sorted((*answer.findings, *notes), key=lambda finding: -finding.weight)
-    return replace(answer, findings=tuple(ordered), sensors=beside if found else None)
+    if beside is not None and (found is None or found.state == NOT_USABLE != beside.state):
+        texts.append((UNUSABLE_MOTORS, found.state_reason + "." if found else ""))
+        return replace(beside, findings=_with_notes(beside, texts), motors=found)
+    assert found is not None
+    odds = beside and at_odds(replace(found, unit=beside.unit).quantities, beside.quantities)
+    return replace(found, findings=_with_notes(found, texts, *(odds or ())), sensors=beside)
+
+
+def _with_notes(answer: Answer, notes: list[tuple[str, str]], *more: Finding) -> tuple[Finding, ...]:
+    noted = [Finding("note", title, text, "", 0.0) for title, text in notes if text]
+    return tuple(sorted((*answer.findings, *noted, *more), key=lambda finding: -finding.weight))
 
 
 def _tried(compute: Callable[[Study], Found], study: Study) -> tuple[Found | None, str]:
@@ -325,23 +346,3 @@ def _tried(compute: Callable[[Study], Found], study: Study) -> tuple[Found | Non
         return compute(study), ""
     except JointIdError as error:
         return None, str(error)
-
-
-def _fits_with_motion(
-    study: Study, phasors: Phasors, method: str, matrices: dict[str, TransferMatrix]
-) -> dict[str, ElasticityFit]:
-    """The fit of all records together, and linear fits of the sines where they allow them."""
-    require_motion_method(method)
-    inertia = study.inertias if study.poses else study.inertia
-    fits = {
-        method: identify_motion(
-            study.records,
-            inertia,
-            inertia_std=study.inertia_std,
-            torque_std=study.torque_std,
-            gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
-        )
-    }
-    with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
-        fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
-    return fits

@@ -1,8 +1,10 @@
-"""A study: the records of one robot with its inertias, and its transfer matrices by pose."""
+"""A study: the records of one robot with its inertias, their transfer matrices by pose and fits."""
 
 import datetime
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -12,12 +14,16 @@ from jointid.arrays import Floats, finite_array, set_fields
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
+from jointid.estimation.estimators.linear_fit import LINEAR
+from jointid.estimation.identify_elasticity import identify_each
+from jointid.estimation.identify_motion import identify_motion, require_motion_method
 from jointid.joints import Elasticity, Inertia
 from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import RobotModel
 from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
+from jointid.verdict.motion_findings import wrong_motions
 from jointid.wording import counted, plain, significant
 
 _ROUNDED = 1e-3
@@ -312,3 +318,23 @@ def sine_matrices(study: Study, phasors: Phasors) -> tuple[dict[str, TransferMat
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return matrices, problem
+
+
+def fits_with_motion(
+    study: Study, phasors: Phasors, method: str, matrices: dict[str, TransferMatrix]
+) -> dict[str, ElasticityFit]:
+    """The fit of all records together, and linear fits of the sines where they allow them."""
+    require_motion_method(method)
+    inertia = study.inertias if study.poses else study.inertia
+    fits = {
+        method: identify_motion(
+            study.records,
+            inertia,
+            inertia_std=study.inertia_std,
+            torque_std=study.torque_std,
+            gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
+        )
+    }
+    with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
+        fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
+    return fits

@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from jointid.analysis import ArmSideAnalysis
+from jointid.analysis import Analysis, ArmSideAnalysis
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import uncertainty_panels
@@ -13,7 +13,7 @@ from jointid.ui.study.elasticity_figures import (
     show_poses,
     show_prediction,
 )
-from jointid.ui.study.overview import show_bands, show_headline, show_tiles
+from jointid.ui.study.overview import show_bands, show_findings, show_headline, show_tiles
 
 page = open_page(
     "Elasticity",
@@ -25,11 +25,15 @@ analysis = page.answer(ask=lambda: None)  # asked above
 if sensors := analysis if isinstance(analysis, ArmSideAnalysis) else analysis.sensors:
     st.header("Sensors behind the gears", anchor=False)
     show_sensors(page, sensors)
-if isinstance(analysis, ArmSideAnalysis):
+motors = analysis.each.get("Motors")
+if not isinstance(motors, Analysis):
     st.stop()
 if sensors:
     st.header("Motors", anchor=False)
-show_headline(analysis)
+show_headline(motors, None if motors is analysis else page)
+if motors is not analysis:
+    show_findings(page, motors)
+analysis = motors
 show_tiles(analysis)
 show_bands(analysis)
 show_prediction(page, analysis)

@@ -15,9 +15,11 @@ from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.method_steps import OVERVIEW
 from jointid.ui.shared.page import open_page
 from jointid.ui.shared.workspace import link_to
+from jointid.ui.study.arm_side import warn_of_sensors
 
 page = open_page("Cut")
 analysis = page.analysis()
+warn_of_sensors(page)
 if has_own_path(analysis):
     panels.show_own_path(page, analysis)
     st.header("Tool stiffness", anchor=False)

@@ -7,12 +7,14 @@ from jointid.ui.shared.charts import introduce
 from jointid.ui.shared.messages import show_error
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import own_plan_form, plan_form
+from jointid.ui.study.arm_side import warn_of_sensors
 from jointid.ui.study.motion_plan_form import show_motion_plan
 from jointid.ui.study.overview import warn_if_unusable
 from jointid.ui.study.set_points_form import show_set_points
 
 page = open_page("Plan")
 analysis = page.analysis()
+warn_of_sensors(page)
 warn_if_unusable(analysis)
 if page.study.motion_records:  # the plan of sines needs the noise of sines
     show_motion_plan(page, analysis)

@@ -27,7 +27,7 @@ st.write("Records, answer with error bars, verdict, figures and settings.")
 show_report(page, analysis, stem)
 
 downloads.show_identification_files(analysis, stem)
-if isinstance(analysis, Analysis):
-    downloads.show_tables(analysis, stem)
-    downloads.show_simulator_files(analysis, stem)
+if isinstance(motors := analysis.each.get("Motors"), Analysis):
+    downloads.show_tables(motors, stem)
+    downloads.show_simulator_files(motors, stem)
 study_files()

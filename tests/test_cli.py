@@ -570,6 +570,32 @@ def test_a_log_without_a_sine_is_distinguished_from_one_with_a_sine(
     assert all("log.csv" in record["label"] for record in document["records"])
 
 
+def test_gear_ratios_and_inertias_of_a_log_come_from_a_robot_model(here: Path) -> None:
+    """It took an inertia file with the model's name and the angles."""
+    given = load_study(sample_studies()["six_axes"])
+    model = given.robot_model
+    assert model is not None
+    record = given.records[0]
+    angles = np.rad2deg(record.theta_rad / model.gear_ratio)
+    names = [f"axis{j}_{what}" for what in ("position_deg", "motor_torque_Nm") for j in range(1, 7)]
+    rows = np.column_stack([record.time_s, angles, record.tau_Nm])
+    np.savetxt("log.csv", rows, "%.12g", ",", header=",".join(["time_s", *names]), comments="")
+    Path(model.source[0]).write_bytes(model.source[1])
+    ok("convert", "log.csv", "--guess", "m.json")
+    command = ["convert", "log.csv", "--mapping", "m.json", "--robot-model", model.source[0]]
+    ok(*command, "-o", "new.zip")
+    found = load_study("new.zip")
+    assert found.robot_model is not None
+    np.testing.assert_array_equal(found.gear_ratios, model.gear_ratio)
+    np.testing.assert_allclose(found.inertia.M, model.rotor_inertia)
+    mean = np.deg2rad(angles).mean(axis=0)
+    np.testing.assert_allclose(found.inertia.M2, model.inertia(mean).M2, rtol=0.05, atol=1e-7)
+    ok(*command, "--angles-deg", "0,-60,100,20,40,10", "-o", "other.zip")
+    at = np.deg2rad([0, -60, 100, 20, 40, 10])
+    np.testing.assert_allclose(load_study("other.zip").inertia.M2, model.inertia(at).M2)
+    assert "--robot-model" in refused(2, "convert", "log.csv", "--mapping", "m.json", "-o", "x.zip")
+
+
 # --- what exists is not lost
 
 

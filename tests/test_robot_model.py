@@ -139,7 +139,8 @@ def test_counterbalance_carries_part_of_the_arm() -> None:
 def test_changes_by_payload_and_parts_are_those_of_the_torque() -> None:
     """A first moment along an axis without second moments: halves of a payload on both sides."""
     motion, load = some_motion(6, seed=2, rows=5), ROBOT.payload
-    payload, parts = ROBOT.torque_changes(*motion)
+    torque, payload, parts = ROBOT.torque_changes(*motion)
+    np.testing.assert_allclose(torque, ROBOT.torque(*motion), rtol=1e-12)
     mass, *centre = np.moveaxis(payload, -1, 0)
 
     def loaded(mass: float, center: np.ndarray) -> np.ndarray:
@@ -154,7 +155,7 @@ def test_changes_by_payload_and_parts_are_those_of_the_torque() -> None:
     np.testing.assert_allclose(parts.sum(axis=-1), bare.torque(*motion), **NEAR)
     links = replace(bare, counterbalance=None)
     np.testing.assert_allclose(parts[..., :-1].sum(axis=-1), links.torque(*motion), **NEAR)
-    assert not links.torque_changes(*motion)[1][..., -1].any()
+    assert not links.torque_changes(*motion)[2][..., -1].any()
     assert ROBOT.with_payload(mass=100.0).payload.mass_std == load.mass_std == 40.0
 
 

@@ -101,6 +101,10 @@ class BandLimited:
             deflection[:, j] = self.q[:, j] - self.lowpass(arm, later_s=float(skew_s[j]))
         return replace(self, skew_s=skew_s, deflection=deflection)
 
+    def without(self, joints: np.ndarray) -> BandLimited:
+        """Return the record without the sensors of some joints, mask (n,)."""
+        return replace(self, deflection=np.where(joints, np.nan, self.deflection))
+
     def by_skew(self, j: int, elastic: Floats) -> Floats:
         """Deflection (N,) by the skew taken out of joint j, with ``elastic`` (N,) in its gear."""
         arm = self.raw[:, j] - elastic

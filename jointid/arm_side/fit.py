@@ -126,7 +126,8 @@ class ArmSideFit:
                         + motion.by_skew(j, elastic[:, j])
                         + offsets[: offsets.size // 2].mean()
                     )
-            elastic -= elastic.mean(axis=0)
+            elastic += torque.mean(axis=0) / self.K - elastic.mean(axis=0)
+            elastic[:, ~np.isfinite(self.K)] = 0.0
         result = np.full(record.theta_rad.shape, np.nan)
         for j in map(int, np.flatnonzero(np.isfinite(found).all(axis=0))):
             joint = self.joints[j]

@@ -12,18 +12,17 @@ from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
+from jointid.arm_side.sensor_faults import ALIKE, scale_fault, sensor_faults, share
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
 from jointid.errors import JointIdError
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
 from jointid.small_matrices import one_thread
-from jointid.wording import minus, percent
+from jointid.wording import percent
 
 LARGEST_ERROR = 0.25
 """Relative standard error beyond which a stiffness is refused."""
-_LEAST_RAD = 1e-4
-"""Range of a joint's angle up to which it rests: noise of its encoders."""
 _SLIP = 0.1
 """Lowest velocity, in parts of the largest between two rests or reversals: as a joint starts or stops,
 friction and lubrication of the gear change its deflection by more than any law of friction here."""
@@ -37,9 +36,6 @@ _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
-_ALIKE, _MOST_DEFLECTION_RAD = 2.0, 2e-3
-"""Largest ratio of the motions on both sides of a gear, and largest deflection: of a joint that hardly
-moves, it may exceed the motion."""
 _ROUNDS = 3
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
 """Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
@@ -58,6 +54,7 @@ def identify_arm_side(
     *,
     band_hz: float | None = None,
     torque_std: float = TORQUE_STD,
+    jackknife: bool = True,
 ) -> ArmSideFit:
     """Identify the stiffness of every joint with a sensor behind its gear.
 
@@ -79,6 +76,9 @@ def identify_arm_side(
         Relative standard deviation of the rigid model: of the mass and inertia of every link and of the
         counterbalance, which act like a payload, and of the torque, which scales K. 0 for an exact
         model. The motors' torque constants have their own standard deviation, 15 %.
+    jackknife : bool, default True
+        Whether the error includes the change when parts of the records or other velocities are left out;
+        False saves half the time where only the prediction counts.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def identify_arm_side(
             "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."
         )
     with one_thread():
-        return _identified(distinct(given), robot, band_hz, torque_std)
+        return _identified(distinct(given), robot, band_hz, torque_std, jackknife)
 
 
 def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
@@ -128,33 +128,17 @@ def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
     return found
 
 
-def _share(motion: BandLimited, j: int) -> float:
-    """Motion of a sensor over that of its motor, through the gear; NaN for a joint at rest."""
-    q = motion.raw[:, j]
-    if np.ptp(q) < _LEAST_RAD:
-        return np.nan
-    moves = q - q.mean()
-    return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
-
-
-def _require_alike(record: MotionRecord, motion: BandLimited) -> None:
-    """Refuse a sensor that does not move as its motor does: another unit, sign or joint."""
-    for j in np.flatnonzero(np.ptp(motion.raw_deflection, axis=0) > _MOST_DEFLECTION_RAD).tolist():
-        share = _share(motion, j)
-        if not (np.isnan(share) or 1 / _ALIKE < share < _ALIKE):
-            raise JointIdError(
-                f"{record.label or 'A record'}: the sensor of joint {j + 1} moves "
-                f"{minus(f'{share:.3g}')} times as far as its motor and the gear ratio imply. Give its "
-                "angles in rad at the joint, and check the gear ratio and its sign."
-            )
-
-
 def _identified(
-    given: list[MotionRecord], robot: RobotModel, band_hz: float | None, torque_std: float
+    given: list[MotionRecord],
+    robot: RobotModel,
+    band_hz: float | None,
+    torque_std: float,
+    jackknife: bool,
 ) -> ArmSideFit:
     motions = [band_limited(record, robot, band_hz) for record in given]
-    for record, motion in zip(given, motions, strict=True):
-        _require_alike(record, motion)
+    sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
+    faults = sensor_faults(given, motions)
+    motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
@@ -163,12 +147,18 @@ def _identified(
         last = round_ == _ROUNDS - 1
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
         torque, payload, parts = ([each[k] for each in both] for k in range(3))
+        if not round_:
+            for k, record in enumerate(given):
+                where = record.label or f"motion record {k + 1}"
+                of_record = motions[k], torque[k], payload[k], where
+                faults = [f or scale_fault(j, *of_record) for j, f in enumerate(faults)]
+            motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
         parts = [torque_std * each for each in parts]
         mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
         joints = [
-            _joint(j, given, motions, torque, payload, joint, float(skew_error[j]), round_)
+            _joint(j, given, motions, torque, payload, joint, float(skew_error[j]), round_, jackknife)
             for j, joint in enumerate(joints)
         ]
         if not last:
@@ -176,7 +166,11 @@ def _identified(
             if round_:
                 skew, skew_error = _skews(joints, skew)
             motions = [m.aligned(skew) for m in motions]
-            elastic = [m.elastic() for m in motions]
+            # a sensor that the torque does not explain tells nothing about the angle of the arm
+            seen = np.array([not _reason(joint, True, True, False) for joint in joints])
+            compliance = np.array([joint.compliance if joint else 0.0 for joint in joints])
+            pairs = zip(motions, torque, strict=True)  # offsets of the sensors hide the mean deflection
+            elastic = [seen * (m.elastic() + compliance * t.mean(axis=0)) for m, t in pairs]
     joints = [
         joint
         and replace(
@@ -192,9 +186,8 @@ def _identified(
         weight[j] > _WEIGHTLESS * swing[j] or clear_moves([m.dq[:, j] for m in motions]) >= _FEWEST_MOVES
         for j in range(robot.n)
     ]
-    sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
     reasons = tuple(
-        _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
+        faults[j] or _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
         for j, joint in enumerate(joints)
     )
     K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)
@@ -245,9 +238,10 @@ def _joint(
     near: JointDeflection | None,
     skew_error: float,
     round_: int,
+    jackknife: bool,
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
-    seen = [k for k in sensed if 1 / _ALIKE < _share(motions[k], j) < _ALIKE]
+    seen = [k for k in sensed if 1 / ALIKE < share(motions[k], j) < ALIKE]
     fastest = max((float(np.abs(motions[k].dq[:, j]).max()) for k in seen), default=0.0)
     own = {k: over_own_move(motions[k].dq[:, j], fastest) for k in seen}
     seen = [k for k in seen if own[k][motions[k].inner].max() > _SLIP]
@@ -256,6 +250,10 @@ def _joint(
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
+    last, checked = (
+        round_ == _ROUNDS - 1,
+        round_ > 0 and jackknife,
+    )  # the first round's error is not used
     y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
@@ -264,9 +262,10 @@ def _joint(
         rows = np.arange(len(m.q))[m.inner][::step]
         offset = np.zeros((len(m.q), 2 * len(seen)))
         offset[:, i], offset[:, len(seen) + i] = 1.0, np.linspace(-1.0, 1.0, len(m.q))
-        every.append((m.deflection[m.inner, j], np.hstack([terms.columns, offset])[m.inner]))
+        if last:
+            every.append((m.deflection[m.inner, j], np.hstack([terms.columns, offset])[m.inner]))
         y.append(m.deflection[rows, j])
-        columns.append(np.hstack([terms.columns, offset])[rows])
+        columns.append(np.hstack([terms.columns[rows], offset[rows]]))
         speed.append(own[k][rows])
         source.append(np.full(rows.size, i))
         moving = np.cumsum(speed[-1] > _SLIP)
@@ -291,19 +290,19 @@ def _joint(
     whole = fitted(used)
     beta, free = whole.beta, [0, groups["skew"].start]
     variance, left = np.diag(whole.covariance)[free], None
-    if round_:  # the first round's error is not used
+    if checked:
         spread = np.array([fitted(ratio >= slip).beta[free] - beta[free] for slip in _OTHER_SLIPS])
         variance = variance + np.sum(spread**2, axis=0) / (1 + len(_OTHER_SLIPS))
-    if round_ == _ROUNDS - 1:
+    if last:
         rest = [deflection - X @ beta for deflection, X in every]
         slow = np.concatenate([each - np.median(each) for each in rest])
         left = position_map(angle, slow, above, ripple.orders)
-    jackknife = np.zeros(2)
-    for count in _PARTS if round_ else ():
+    parts = np.zeros(2)
+    for count in _PARTS if checked else ():
         part = (part_of * count).astype(int)
         without = np.array([fitted(used & (part != k), whole.noise).beta[free] for k in range(count)])
-        jackknife += without.var(axis=0) * (count - 1) / len(_PARTS)
-    variance = np.maximum(variance, jackknife)
+        parts += without.var(axis=0) * (count - 1) / len(_PARTS)
+    variance = np.maximum(variance, parts)
     velocity = data.columns[used, free[1]]
     slow_rad = _SLOW_FRICTION_RAD * np.mean(np.abs(velocity) < _SLOW_RAD_S)
     variance[1] += slow_rad**2 / np.mean(velocity**2)
@@ -335,10 +334,11 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
+        fault = "it is negative" if joint.compliance <= 0 else f"its error is {percent(relative)}"
         return (
-            f"K is not identifiable from this motion: its error is {percent(relative)}. "
+            f"K is not identifiable from this motion: {fault}. "
             "The joint's torque varies too little, or only together with the transmission error. "
-            "Move through poses of different gravity, or faster."
+            "Move through poses of different gravity, or faster; check the sensor for dropouts."
         )
     if not shown:
         return (

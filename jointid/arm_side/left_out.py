@@ -25,7 +25,7 @@ def left_out_error(records: Sequence[MotionRecord], robot: RobotModel) -> Floats
     for k in np.unique(np.linspace(0, len(sensed) - 1, _MOST).round().astype(int)).tolist():
         record, others = sensed[k], [*sensed[:k], *sensed[k + 1 :]]
         try:
-            fit = identify_arm_side(others, robot)
+            fit = identify_arm_side(others, robot, jackknife=False)
             _, measured, predicted = fit.deflection(record)
         except JointIdError:  # without this record, there is no fit
             continue

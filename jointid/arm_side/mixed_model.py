@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dpotri
 from scipy.special import log_ndtr
 
 from jointid.arrays import Floats
@@ -64,8 +65,7 @@ class Regression:
         A[..., own, own] += prior | ~used
         size = np.sum(A[..., own, own] * used, axis=-1) / used.sum(axis=-1)
         factor = np.linalg.cholesky(A + 1e-12 * size[..., None, None] * np.eye(own.size))
-        root = np.linalg.inv(factor)
-        inverse = root.mT @ root
+        inverse = _inverse_of(factor)
         mean = np.einsum("...ij,...j->...i", inverse, moment)
         misfit = energy / noise**2 + np.sum(
             mean * (np.einsum("...ij,...j->...i", A, mean) - 2 * moment), axis=-1
@@ -83,6 +83,13 @@ class Regression:
     def residual(self, estimate: Estimate) -> Floats:
         """Data minus model, shape (N,)."""
         return np.asarray(self.y - self.columns @ estimate.beta)
+
+
+def _inverse_of(factor: Floats) -> Floats:
+    """Inverse of L Lᵀ, (..., p, p), from L, by LAPACK: in half the time of a product of inverses."""
+    size = factor.shape[-1]
+    upper = np.triu([dpotri(L.T)[0] for L in factor.reshape(-1, size, size)])
+    return np.asarray((upper + np.triu(upper, 1).mT).reshape(factor.shape))
 
 
 def low_frequency_noise(residual: Floats, spans: list[int], lags: int, freedom: float) -> float:

@@ -78,8 +78,13 @@ class Terms:
 
 def waves(angle: Floats, orders: Floats) -> Floats:
     """Cosines, then sines of each order over angles (N,), shape (N, 2 orders)."""
-    phase = angle[:, None] * orders
-    return np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+    turning, steps = np.empty((orders.size, angle.size), complex), np.diff(orders)
+    alike = steps.size > 0 and np.allclose(steps, steps[0], rtol=1e-9)
+    turn = np.exp(1j * steps[0] * angle) if alike else None
+    for k, order in enumerate(orders.tolist()):  # a product takes a tenth of the time of cosine and sine
+        again = k > 0 and turn is not None
+        turning[k] = turning[k - 1] * turn if again else np.exp(1j * order * angle)
+    return np.concatenate([turning.real, turning.imag]).T
 
 
 def joint_torque(
@@ -96,8 +101,8 @@ def joint_torque(
     wide = GaussianFilter(lowpass.interval_s, min(_WIDER * lowpass.band_hz, 0.25 / lowpass.interval_s))
     rest = GaussianFilter(lowpass.interval_s, (lowpass.band_hz**-2.0 - wide.band_hz**-2.0) ** -0.5)
     state = [wide(motion.raw - elastic, order) for order in range(3)]
-    payload, parts = robot.torque_changes(*state)
-    return rest(robot.torque(*state)), rest(payload), rest(parts)
+    torque, payload, parts = robot.torque_changes(*state)
+    return rest(torque), rest(payload), rest(parts)
 
 
 def joint_terms(

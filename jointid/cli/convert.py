@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 import jointid.cli.options as options
@@ -54,6 +55,21 @@ def convert(
             "study.",
         ),
     ] = None,
+    robot_model: Annotated[
+        Path | None,
+        typer.Option(
+            parser=options.named,
+            help="Robot model, Denavit–Hartenberg .toml, .urdf or .xml (MJCF): gear ratios and, without "
+            "--inertia, M and M2.",
+        ),
+    ] = None,
+    angles_deg: Annotated[
+        str,
+        options.numbers_option(
+            "With --robot-model: joint angles of the logs' pose as the model counts them, °; default: "
+            "their mean in the logs."
+        ),
+    ] = "",
     pose: Annotated[
         list[str] | None,
         typer.Option(help="Name of a pose in the inertia file; give it once for all logs, or per log."),
@@ -93,15 +109,15 @@ def convert(
         raise typer.BadParameter("--list-runs and --runs need a checked mapping: give --mapping.")
     if guess is not None:
         options.require_ending("--guess", guess, ".json")
-        require_new_output(guess, overwrite, [*logs, inertia])
+        require_new_output(guess, overwrite, [*logs, inertia, robot_model])
     elif list_runs is not None:
         if runs is not None or output is not None:
             raise typer.BadParameter("--list-runs writes no study: leave out --runs and --output.")
         options.require_ending("--list-runs", list_runs, ".json")
-        require_new_output(list_runs, overwrite, [*logs, mapping, inertia])
+        require_new_output(list_runs, overwrite, [*logs, mapping, inertia, robot_model])
     elif output is not None:
-        require_new_output(output, overwrite, [*logs, mapping, runs, inertia])
-    from jointid import save_study
+        require_new_output(output, overwrite, [*logs, mapping, runs, inertia, robot_model])
+    from jointid import RobotModel, save_study
     from jointid.importing import mapping_from_json, read_log, study_from_logs
     from jointid.importing.map.simultaneous_logs import join_logs
     from jointid.importing.study import parse_date
@@ -118,14 +134,17 @@ def convert(
     if chosen is not None and list_runs is not None:
         _write_runs(tables, chosen, list_runs, together)
         return
-    if chosen is None or output is None or inertia is None:
-        raise typer.BadParameter("A conversion needs --mapping, --inertia and --output.")
+    if chosen is None or output is None or (inertia or robot_model) is None:
+        raise typer.BadParameter(
+            "A conversion needs --mapping, --output, and --inertia or --robot-model."
+        )
     assumed, called = options.nominal(nominal_K, nominal_D), name or None
     changes = options.without_none(
         nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std
     )
-    robot = replace(robot_from(inertia), **changes)
-    chosen = with_gears_of(robot.robot_model, chosen)
+    robot = None if inertia is None else robot_from(inertia)
+    model = RobotModel.load(robot_model) if robot_model else robot and robot.robot_model
+    chosen = with_gears_of(model, chosen)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
         given = f"{len(poses)} times for {counted(len(tables), 'log')}"
@@ -135,6 +154,8 @@ def convert(
     with progress("Looking for sine runs") as report:
         mapped, segments, notes = found_runs(tables, chosen, corrected, report)
     poses = poses * len(mapped) if len(poses) == 1 else poses
+    angles = options.numbers(angles_deg) if angles_deg else []
+    robot = replace(robot_of(robot, model, angles, mapped), **changes)
     study = study_from_logs(mapped, segments, pose_of=poses, **vars(robot))
     notes = (*together, *notes)
     facts = robot_facts(chosen, tables[0])
@@ -171,7 +192,7 @@ def _write_guess(table: Any, guess: Path, as_json: bool, read_as: Sequence[str])
         typer.echo(f"{table.name}: {note}", err=True)
     print(
         f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
-        f"FILE --output STUDY"
+        f"FILE --output STUDY (or --robot-model FILE)"
     )
 
 
@@ -187,6 +208,21 @@ def _write_runs(tables: Sequence[Any], mapping: Any, path: Path, together: Seque
     print(f"{path}: {count}. Correct the file, then convert with --runs {path}.")
     for line in (*together, *notes):
         typer.echo(line, err=True)
+
+
+def robot_of(robot: Any, model: Any, angles_deg: Sequence[float], logs: Sequence[Any]) -> Any:
+    """Return the robot of an inertia file with its model, or that of the model at the logs' pose."""
+    if robot is not None:
+        return replace(robot, robot_model=model)
+    from jointid.importing.robot_inertia import KnownRobot
+
+    angles = np.deg2rad(angles_deg)
+    if not angles.size:
+        if logs[0].n != model.n:
+            found = f"{counted(model.n, 'joint')}, the logs have {logs[0].n}"
+            raise JointIdError(f"{model.source[0]} has {found}: they must agree.")
+        angles = np.mean(np.concatenate([log.theta_rad for log in logs]), axis=0) @ model.coupling.T
+    return KnownRobot(model.inertia(angles), robot_model=model, pose_angles_rad={"": angles})
 
 
 def with_gears_of(model: Any, mapping: Any) -> Any:

@@ -101,12 +101,14 @@ def export(
         ),
     ] = "",
     arm_side: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--arm-side",
-            help="K from sensors behind the gears, at the joint; default: only if the motors give none.",
+            "--arm-side/--motors",
+            help="K from sensors behind the gears, at the joint, or K and D from the motors; default: "
+            "the motors, unless only the sensors give a usable answer.",
+            show_default=False,
         ),
-    ] = False,
+    ] = None,
     overwrite: Annotated[bool, OVERWRITE] = False,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
@@ -123,18 +125,18 @@ def export(
         if ending in _AT_JOINT and ratio is None:
             raise typer.BadParameter(f"{file.name} needs gear ratios, as in --gear-ratio 100,-90.")
     writers = _writers(ratio)
-    if isinstance(analysis, Analysis):
-        empty = {} if analysis.transfer_matrices else {".H.csv": analysis.transfer_problem}
+    hold = (*_OF_ANSWERS, *exporting.ENDINGS)
+    if isinstance(motors := analysis.each.get("Motors"), Analysis):
+        empty = {} if motors.transfer_matrices else {".H.csv": motors.transfer_problem}
         if not analysis.study.sine_records:
             empty[".phasors.csv"] = "the study has no sine records."
     else:
-        hold = (*_OF_ANSWERS, *exporting.ENDINGS)
         reason = f"sensors behind the gears give K only. Formats that hold it: {', '.join(hold)}."
         empty = {ending: reason for ending in writers if ending not in hold}
     for file in [file for file, ending in endings.items() if ending in empty]:
         print(f"{file.name} is not written: {empty[endings.pop(file)]}", file=sys.stderr)
     for file, ending in endings.items():
-        content = writers[ending](analysis)
+        content = writers[ending](analysis if ending in hold else motors)
         write_file(file, content if isinstance(content, bytes) else content.encode())
     warn_if_unusable(analysis)
     print_written(list(endings), as_json)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from functools import partial
@@ -48,14 +49,24 @@ def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
     """Read a study, change its deviations as given, and run the whole method on it."""
     study = replace(load_named(path), **changes)
     with progress("Analysing"):
-        return analyse(study, method=method)
+        analysis = analyse(study, method=method)
+        warn_of_sensors(analysis)
+    return analysis
 
 
-def answer_file(path: Path, method: str, *, arm_side: bool = False, **changes: Any) -> Answer:
-    """Read a study and return all that it gives, see ``answer_of``; or of arm-side sensors only."""
-    study = replace(load_named(path), **changes)
+def warn_of_sensors(analysis: Analysis) -> None:
+    """State on standard error that sensors behind the gears contradict K of the motors."""
+    if title := answer_of(analysis.study, lambda _: analysis).contradiction:
+        print(f"{title}. This command uses K of the motors: see jointid identify.", file=sys.stderr)
+
+
+def answer_file(path: Path, method: str, *, arm_side: bool | None = None, **changes: Any) -> Answer:
+    """Read a study and return all that it gives, see ``answer_of``; or of arm-side sensors or motors."""
+    study, motors = replace(load_named(path), **changes), partial(analyse, method=method)
     with progress("Analysing"):
-        return analyse_arm_side(study) if arm_side else answer_of(study, partial(analyse, method=method))
+        if arm_side is None:
+            return answer_of(study, motors)
+        return analyse_arm_side(study) if arm_side else motors(study)
 
 
 def robot_from(path: Path) -> KnownRobot:

@@ -47,10 +47,10 @@ def _print(study: Path, analysis: Answer, unit: str, as_json: bool) -> None:
     parts = _print_tables, _print_findings
     for part in parts[::-1] if analysis.state == NOT_USABLE else parts:
         part(analysis)
-    if analysis.sensors:
-        print(f"\nSensors behind the gears: {analysis.sensors.state}\n{analysis.sensors.headline}")
-        _print_tables(analysis.sensors)
-        _print_findings(analysis.sensors)
+    for name, beside in [*analysis.each.items()][1:]:
+        print(f"\n{name}: {beside.state}\n{beside.headline}")
+        for part in parts[::-1] if beside.state == NOT_USABLE else parts:
+            part(beside)
 
 
 def _print_findings(analysis: Answer) -> None:

@@ -12,7 +12,7 @@ import typer
 
 from jointid.analysis import NOT_USABLE, Analysis, analyse
 from jointid.arrays import per_joint
-from jointid.cli.files import load_named, read_toml, require_new_output
+from jointid.cli.files import load_named, read_toml, require_new_output, warn_of_sensors
 from jointid.cli.options import JSON, METHOD, OVERWRITE, STUDY, named, numbers, numbers_option
 from jointid.cli.output import print_columns, print_json, print_table, progress, warn_if_unusable
 from jointid.errors import JointIdError
@@ -121,6 +121,7 @@ def planned(
         )
     with progress("Planning"):
         analysis = analyse(known, method=method)
+        warn_of_sensors(analysis)
         if usable:
             analysis.require_usable()
         if shape is None:

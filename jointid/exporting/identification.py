@@ -28,6 +28,7 @@ _UNITS = {
     ("inertia" if kind == "M" else kind): PARAMETERS[kind].unit
     for kind in ("K", "D", "M", "coulomb", "viscous", "delay")
 }
+_OTHERS = {"Sensors behind the gears": "arm_side", "Motors": "motors"}
 _LAW = [field.name for field in fields(Gear)]
 _TOML_WORDS = {"disagreement": "none"} | dict.fromkeys(
     ("given_std", "inertia_std", "torque_std"), "unknown"
@@ -63,14 +64,15 @@ def to_document(analysis: Answer) -> dict[str, Any]:
     """Return the document that JSON and TOML hold, of plain lists, numbers, texts and None.
 
     Gears and priors are tables of one list per column; what was not fitted or stated is left out.
-    "arm_side" is the answer of sensors behind the gears, where the motors also give one.
+    "arm_side" is the answer of sensors behind the gears beside that of the motors, "motors" that of the
+    motors beside that of the sensors.
     """
     study = analysis.study
     document = {
         "format": 1,
         "kind": "jointid identification",
         **_results(analysis),
-        "arm_side": analysis.sensors and _results(analysis.sensors),
+        **{_OTHERS[name]: _results(other) for name, other in [*analysis.each.items()][1:]},
     }
     document["obtained"] = _stated(
         {

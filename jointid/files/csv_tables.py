@@ -108,17 +108,24 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
 
 
 def read_columns(
-    file: str, data: bytes, header: Sequence[str], body: int, positions: Sequence[int]
+    file: str,
+    data: bytes,
+    header: Sequence[str],
+    body: int,
+    positions: Sequence[int],
+    may_be_empty: Collection[int] = (),
 ) -> list[Floats]:
     """Read the columns at some positions: finite numbers, the first column strictly increasing.
 
     ``header`` and ``body`` are from ``read_header``; other columns are ignored, whatever they hold.
+    Columns at ``may_be_empty`` that have no value at all are NaN.
     Raises JointIdError for the first row that does not fit, with line (the file's first line is 1),
     column, value and remedy.
     """
     try:
         # By position, not by name: the header was read above, with its blanks and quotes.
-        columns = parsed_columns(memoryview(data)[body:], len(header), positions)
+        nulls = [""] if may_be_empty else []
+        columns = parsed_columns(memoryview(data)[body:], len(header), positions, nulls=nulls)
         if b'"' in data[body:]:
             _require_closed_quotes(file, data, body, columns[0].size)
     except JointIdError:
@@ -126,8 +133,10 @@ def read_columns(
     except ARROW_FAULTS as error:
         _explain_fault(file, data, header, body, positions)
         raise unreadable(file, "CSV", error) from error
-    if not are_usable(columns):
-        _explain_fault(file, data, header, body, positions)
+    pairs = zip(positions, columns, strict=True)
+    given = {k: c for k, c in pairs if k not in may_be_empty or not np.isnan(c).all()}
+    if not are_usable([*given.values()]):
+        _explain_fault(file, data, header, body, [*given])
         raise unreadable(file, "CSV", "a value is not finite, or the times do not increase")
     return columns
 

@@ -3,7 +3,7 @@
 import io
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import NoReturn
 
 import numpy as np
@@ -35,8 +35,9 @@ def column_names(joints: int) -> list[str]:
     return ["time_s", *(f"theta_m{j}_rad" for j in numbers), *(f"tau_m{j}_Nm" for j in numbers)]
 
 
-def _arm_name(joint: int) -> str:
-    return f"theta_a{joint + 1}_rad"
+def _arm_names(joints: int) -> list[str]:
+    """Columns of sensors behind the gears, which may be missing or empty."""
+    return [f"theta_a{j}_rad" for j in range(1, joints + 1)]
 
 
 def read_record_table(
@@ -47,9 +48,9 @@ def read_record_table(
     The numbers take at most ``left`` bytes.
 
     Returns the arrays of a record: time_s (N,), ascending; theta_rad and tau_Nm (N, n), motor side,
-    finite; with ``arm`` also arm_rad (N, n), NaN for a joint without a column. Raises JointIdError when
-    the table cannot be read, a column is missing, a value is not a finite number or the times do not
-    increase; with file, row, column, value and remedy.
+    finite; with ``arm`` also arm_rad (N, n), NaN for a joint without a column or with an empty one.
+    Raises JointIdError when the table cannot be read, a column is missing, a value is not a finite
+    number or the times do not increase; with file, row, column, value and remedy.
     """
     if not data:
         raise JointIdError(f"{file} is empty (0 bytes): export the record again.")
@@ -59,7 +60,8 @@ def read_record_table(
         positions = _find_columns(file, header, joints, arm)
         _require_size(file, data.count(b"\n") * len(positions) * 8, left)
         found = list(positions)
-        columns = read_columns(file, data, header, body, list(positions.values()))
+        sensors = [k for name, k in positions.items() if name in _arm_names(joints)]
+        columns = read_columns(file, data, header, body, list(positions.values()), sensors)
     elif kind == "parquet":
         found, columns = _read_parquet(file, data, joints, arm, left)
     else:
@@ -73,7 +75,7 @@ def read_record_table(
     names = column_names(joints)
     arrays = {"time_s": columns[0], "theta_rad": joined(names[1 : joints + 1])}
     arrays["tau_Nm"] = joined(names[joints + 1 :])
-    return arrays | ({"arm_rad": joined([_arm_name(j) for j in range(joints)])} if arm else {})
+    return arrays | ({"arm_rad": joined(_arm_names(joints))} if arm else {})
 
 
 def write_record_table(record: JointRecord, record_format: str) -> bytes:
@@ -82,7 +84,7 @@ def write_record_table(record: JointRecord, record_format: str) -> bytes:
     arrays = [record.time_s, *record.theta_rad.T, *record.tau_Nm.T]
     if isinstance(record, MotionRecord) and record.arm_rad is not None:
         for j in np.flatnonzero(~np.isnan(record.arm_rad[0])).tolist():
-            names.append(_arm_name(j))
+            names.append(_arm_names(record.n)[j])
             arrays.append(record.arm_rad[:, j])
     table = pa.table([pa.array(array) for array in arrays], names=names)
     buffer = io.BytesIO()
@@ -109,7 +111,7 @@ def _find_columns(file: str, found: Sequence[str], joints: int, arm: bool = Fals
             )
     positions = {}
     expected = column_names(joints)
-    for name in [*expected, *(n for n in map(_arm_name, range(joints)) if arm and n in found)]:
+    for name in [*expected, *(n for n in _arm_names(joints) if arm and n in found)]:
         count = found.count(name)
         if count > 1:
             raise JointIdError(f"{file} has {count} columns {name}: rename all but one.", column=name)
@@ -174,18 +176,26 @@ def _read_parquet(
                 f"{file} would take {mebibytes(size)}, more than {MAX_RATIO} times its packed size: it "
                 "is damaged. Export the record again."
             )
-    columns = list(np.concatenate([*parquet_rows(file, source, names)]).T)
-    if not are_usable(columns):
-        explain_fault(file, names, columns)
+    sensors = _arm_names(joints) if arm else []
+    columns = list(np.concatenate([*parquet_rows(file, source, names, may_lack=sensors)]).T)
+    pairs = zip(names, columns, strict=True)
+    given = {name: c for name, c in pairs if name not in sensors or not np.isnan(c).all()}
+    if not are_usable([*given.values()]):
+        explain_fault(file, [*given], [*given.values()])
     return names, columns
 
 
 def parquet_rows(
-    file: str, source: pa_parquet.ParquetFile, names: Sequence[str], first: int = 0
+    file: str,
+    source: pa_parquet.ParquetFile,
+    names: Sequence[str],
+    first: int = 0,
+    may_lack: Collection[str] = (),
 ) -> Iterator[Floats]:
     """Yield the rows from ``first`` on, counted from 0, in batches of shape (rows, columns).
 
-    Raises JointIdError when a value is missing, or the file cannot be read.
+    Missing values of the columns ``may_lack`` are NaN. Raises JointIdError when another value is
+    missing, or the file cannot be read.
     """
     row = 0
     with parquet_faults(file):
@@ -194,7 +204,7 @@ def parquet_rows(
             above = min(max(first - row, 0), batch.num_rows)
             columns = [batch.column(name).slice(above) for name in names]
             for name, column in zip(names, columns, strict=True):
-                if column.null_count:
+                if column.null_count and name not in may_lack:
                     at = row + above + int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
                     raise row_error(
                         (file, "row", at + 1),

@@ -28,7 +28,7 @@ Numbers: TypeAlias = tuple[float, ...]
 class Row:
     """The answer for one study of n joints, or the reason for its failure; motor side, SI units.
 
-    Where only sensors behind the gears give K, it has no D, and K is NaN where it is refused.
+    Where only sensors behind the gears give a usable K, it has no D, and K is NaN where it is refused.
     """
 
     study: str

@@ -60,9 +60,8 @@ def robot_from_toml(
     data = text.encode() if isinstance(text, str) else text
     if b"[[link]]" in data:
         raise JointIdError(
-            f"{file} describes a robot model, not inertias. In the app, give it as Robot model. For "
-            "jointid convert, write another TOML with [robot_model], file = the name of this file, and "
-            "[inertia], angles_deg = the joint angles of the log."
+            f"{file} describes a robot model, not inertias. Give it as Robot model in the app, and with "
+            "--robot-model to jointid convert."
         )
     top = parse_toml(file, data, _TOP)
     if "inertia" not in top and "M" not in top and "M2" not in top:

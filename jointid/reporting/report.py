@@ -111,12 +111,14 @@ def _sections(
 
 
 def _sections_of_sensors(analysis: Answer, numbers: Iterator[str]) -> Iterator[Section]:
-    """The answer of sensors behind the gears where the motors alone give none."""
+    """The answer of sensors behind the gears where the motors give none that is usable."""
     assert isinstance(analysis, ArmSideAnalysis)
     table, *evidence = sensor_blocks(analysis, numbers)
     yield Section("Answer", (*_headline(analysis), table))
     yield Section("Verdict", (Verdict(analysis.findings),))
     yield Section("Measured and fitted deflection", tuple(evidence))
+    if motors := analysis.motors:
+        yield Section("Motors", (*_state(motors), Verdict(motors.findings)))
 
 
 def _state(analysis: Answer) -> Iterator[Block]:

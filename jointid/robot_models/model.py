@@ -164,8 +164,10 @@ class RobotModel(RobotDescription):
         """
         return np.asarray(self._torque(*self._checked(q=q, dq=dq, ddq=ddq)))
 
-    def torque_changes(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[Floats, Floats]:
-        """Change of ``torque`` with the payload, (..., n, 4), and with each part, (..., n, n + 1).
+    def torque_changes(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    ) -> tuple[Floats, Floats, Floats]:
+        """``torque``, its change with the payload, (..., n, 4), and with each part, (..., n, n + 1).
 
         For the payload per standard deviation of its mass and of its centre along x, y and z of the
         flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
@@ -186,7 +188,10 @@ class RobotModel(RobotDescription):
         parts[..., :-1] = self.links.of_each(motion)
         if (balance := self.counterbalance) is not None:
             parts[..., balance.joint, -1] = balance.torque(angles[..., balance.joint])
-        return np.asarray(payload), parts
+        last = self.n - 1
+        loaded = self.links.of_one(motion, last, *self._loaded.wrench(motion, last))
+        torque = parts.sum(axis=-1) - parts[..., last] + loaded
+        return np.asarray(torque), np.asarray(payload), parts
 
     def joint_inertia(self, q: ArrayLike) -> Floats:
         """Inertia matrix of links and payload on the joint side, shape (n, n), kg·m²."""

@@ -111,11 +111,11 @@ class RigidBodies:
         Joint angles, rad, velocities and accelerations have this shape, too.
         """
         motion = self.motion(q, dq, ddq)
-        wrenches = [self._wrench(motion, j) for j in range(self.n)]
+        wrenches = [self.wrench(motion, j) for j in range(self.n)]
         forces, moments = ([wrench[k] for wrench in wrenches] for k in (0, 1))
         return self.on_joints(motion, forces, moments)
 
-    def _wrench(self, motion: Motion, j: int) -> tuple[Array, Array]:
+    def wrench(self, motion: Motion, j: int) -> tuple[Array, Array]:
         """Force that moves a body, and its moment about the base's origin, (..., 3)."""
         w, alpha = motion.velocity[j], motion.angular[j]
         R, origin = motion.frames[j]
@@ -132,7 +132,7 @@ class RigidBodies:
 
     def of_each(self, motion: Motion) -> Array:
         """Joint torques of every body alone, shape (..., n, n), the body last."""
-        return np.stack([self.of_one(motion, j, *self._wrench(motion, j)) for j in range(self.n)], -1)
+        return np.stack([self.of_one(motion, j, *self.wrench(motion, j)) for j in range(self.n)], -1)
 
     def on_joints(self, motion: Motion, forces: list[Array], moments: list[Array]) -> Array:
         """Joint torques, shape (..., n), from each body's force and moment about the base's origin."""

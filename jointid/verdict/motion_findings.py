@@ -31,6 +31,8 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
+AT_ODDS = "Motors and sensors behind the gears disagree on K"
+"""Beginning of the title of ``at_odds``."""
 _ARC_SECONDS = 180 / np.pi * 3600
 
 
@@ -186,7 +188,7 @@ def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Iterator
         motor, sensor = worst.first, worst.second
         joints = [row.first.joints[0] for row in apart]
         yield warning(
-            f"Motors and sensors behind the gears disagree on K of {joints_text(joints)}",
+            f"{AT_ODDS} of {joints_text(joints)}",
             f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
             f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
             "standard errors apart.",

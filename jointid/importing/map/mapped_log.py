@@ -1,6 +1,6 @@
 """Convert a table to angles and torques in SI units, motor side."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +56,8 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         raise JointIdError(
             f"{table.name}: no column is chosen for {listed(mapping.open_roles)}. {remedy}"
         )
+    mapping, without = _without_empty_sensors(table, mapping)
+    names = mapping.columns
     raw = [table.column(name).values for name in names]
     time = raw.pop(0) if mapping.time.column else np.arange(table.rows, dtype=float)
     raw, clock_note = on_one_clock(mapping, time, raw)
@@ -70,7 +72,7 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
             f"{table.name}: {counted(kept, 'row')} with numbers in all of {listed(names)}.{which} "
             "Choose other columns."
         )
-    notes = [*table.notes, clock_note] if clock_note else list(table.notes)
+    notes = [*table.notes, *without, *([clock_note] if clock_note else [])]
     if kept < table.rows and not clock_note:
         first = int(np.argmin(complete))
         missed = table.rows - kept
@@ -108,3 +110,16 @@ def apply_mapping(table: LogTable, mapping: Mapping) -> MappedLog:
         name=table.name,
         notes=tuple(notes),
     )
+
+
+def _without_empty_sensors(table: LogTable, mapping: Mapping) -> tuple[Mapping, list[str]]:
+    """Leave out sensors behind the gears without a single value, which would cost all rows."""
+    joints, notes = list(mapping.joints), []
+    for j, joint in enumerate(joints):
+        if joint.arm and not np.isfinite(table.column(joint.arm.column).values).any():
+            joints[j] = replace(joint, arm=None)
+            notes.append(
+                f'The column "{joint.arm.column}" has no value: joint {j + 1} is read without its '
+                "sensor behind the gear."
+            )
+    return replace(mapping, joints=tuple(joints)), notes

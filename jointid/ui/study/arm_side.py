@@ -9,7 +9,8 @@ from jointid.analysis import ArmSideAnalysis
 from jointid.figures import gear_deflection
 from jointid.ui.shared import workspace
 from jointid.ui.shared.charts import choose_joint, choose_segment, plot
-from jointid.ui.shared.messages import show_error, show_text_table
+from jointid.ui.shared.messages import show_error, show_text_table, show_warning
+from jointid.ui.shared.method_steps import ELASTICITY
 from jointid.ui.shared.page import Page
 from jointid.ui.study.overview import show_findings, show_headline
 
@@ -36,6 +37,13 @@ def ask_for_robot(page: Page) -> None:
         return
     workspace.keep(study, page.key.removesuffix(_WITH_MODEL) + _WITH_MODEL)
     st.rerun()
+
+
+def warn_of_sensors(page: Page) -> None:
+    """Say on a page that uses K of the motors that sensors behind the gears contradict it."""
+    if title := page.answered().contradiction:
+        show_warning(f"{title}. This page uses K of the motors.")
+        workspace.link_to(ELASTICITY)
 
 
 def show_sensors(page: Page, found: ArmSideAnalysis) -> None:

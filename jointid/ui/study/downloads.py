@@ -72,10 +72,8 @@ _MATLAB_HINT = (
 
 def show_identification_files(analysis: Answer, stem: str) -> None:
     """Offer K, D and their origin as CSV, JSON, TOML and MATLAB; of one answer where there are two."""
-    answers = {"Motors": analysis}
-    if analysis.sensors:
-        answers |= {"Sensors behind the gears": analysis.sensors}
-        analysis = answers[choose_segment("K from", list(answers), "answer_of")]
+    if len(analysis.each) > 1:
+        analysis = analysis.each[choose_segment("K from", list(analysis.each), "answer_of")]
     is_motor = isinstance(analysis, Analysis)
     what = "K, D and how they were" if is_motor else "K and how it was"
     st.header(f"{what} obtained", anchor=False)
