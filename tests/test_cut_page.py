@@ -158,7 +158,6 @@ class TestPage:
         for one in (shown_first, on_its_page):
             assert np.array_equal(one.before.tool_m, alone.before.tool_m)
             assert np.array_equal(one.after.tool_m, alone.after.tool_m)
-            assert np.array_equal(one.p95.K, alone.p95.K)
             assert one.spread_m == alone.spread_m
 
     def test_its_controls_begin_as_the_settings_of_the_first_screen(

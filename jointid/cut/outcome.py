@@ -40,7 +40,6 @@ class Prediction(NamedTuple):
     """The cut after the identification; the fields are those of ``Outcome``."""
 
     after: TrackingRun
-    p95: Elasticity
     distribution: PathErrorDistribution | None
     problem: str
 
@@ -56,9 +55,8 @@ class Outcome:
     before: TrackingRun
     """Cut of the robot with the identified K and D; its servo assumes ``assumed``."""
     after: TrackingRun
-    """Cut of the robot ``p95``; its servo assumes the identified values."""
-    p95: Elasticity
-    """K and D of the robot at the 95th percentile of the path error, of those drawn."""
+    """Cut of the robot drawn at the 95th percentile of the path error; its servo assumes the identified
+    values."""
     distribution: PathErrorDistribution | None
     """Path errors of the robots drawn; None when the covariance is too large."""
     problem: str
@@ -71,7 +69,7 @@ class Outcome:
 
     @property
     def after_m(self) -> float:
-        """Largest contour error of the robot ``p95``, m: the 95th percentile of the robots drawn."""
+        """Largest contour error after, m: the 95th percentile of the robots drawn."""
         return self.after.max_contour_error_m
 
     @property
@@ -138,7 +136,7 @@ def predicted_cut(
     Parameters and errors as in :func:`cut_outcome`.
     """
     identified = robot.elasticity
-    p95, distribution, problem = identified, None, ""
+    drawn, distribution, problem = identified, None, ""
     try:
         distribution = path_error_distribution(
             robot.arm,
@@ -156,9 +154,9 @@ def predicted_cut(
         largest = distribution.max_contour_error_m
         beyond = np.where(largest >= distribution.p95_m, largest, np.inf)
         at = int(np.argmin(beyond))
-        p95 = Elasticity(K=distribution.K[at], D=distribution.D[at])
-    after = cut_by(robot, toolpath, servo, friction)(p95, identified)
-    return Prediction(after, p95, distribution, problem)
+        drawn = Elasticity(K=distribution.K[at], D=distribution.D[at])
+    after = cut_by(robot, toolpath, servo, friction)(drawn, identified)
+    return Prediction(after, distribution, problem)
 
 
 def cut_with_laws(

@@ -37,13 +37,11 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
-from jointid.verdict.rules_model import contradicts
+from jointid.verdict.rules_model import EXPLAINED, contradicts
 from jointid.verdict.scorer import Hypothesis, Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
 from jointid.wording import capitalised, percent, plain, significant, with_error
 
-_EXPLAINED = 3.0
-"""Misfit up to which other inertias explain the data."""
 _ABSURD = 10.0
 """Difference from a given inertia, in standard deviations, from which the answer is not usable."""
 _FAR_OFF, _SURE = 0.2, 2.0
@@ -91,7 +89,7 @@ def axes_exchanged(evidence: Evidence, scorer: Scorer | None = None) -> Iterator
     if other is None:
         return
     before, after = (float(disagreements(each).max(initial=0.0)) for each in (fit, other))
-    most = min(CLEAR, _NEARER * before) if fit.misfit <= _EXPLAINED else CLEAR
+    most = min(CLEAR, _NEARER * before) if fit.misfit <= EXPLAINED else CLEAR
     if np.any(other.estimate <= 0) or after > most:
         return
     texts = [
@@ -174,8 +172,8 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
     fit = evidence.fit
     if "M2" in fit.parameters.layout:
-        return fit if fit.misfit <= _EXPLAINED else None
-    if fit.misfit <= _EXPLAINED:
+        return fit if fit.misfit <= EXPLAINED else None
+    if fit.misfit <= EXPLAINED:
         return fit if "torque_scale" in fit.parameters.layout else None
     return _refitted(evidence, replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), fit.misfit)
 
@@ -195,18 +193,18 @@ def _refitted(evidence: Evidence, prior: InertiaPrior, misfit: float) -> Elastic
     for probe in () if evidence.has_motions else (_probed, partial(_same_model, fit=evidence.fit)):
         with suppress(JointIdError):
             probed = probe(phasors, prior)
-            if probed is not None and probed[1].misfit <= max(_EXPLAINED, _FAR_LOWER * misfit):
+            if probed is not None and probed[1].misfit <= max(EXPLAINED, _FAR_LOWER * misfit):
                 near = probed
                 break
     with suppress(JointIdError):
         if near is not None:
             model, start = near[0], near[1].named
-            by = identify_each(phasors, prior, ["auto"], start=start, first=model, most=_EXPLAINED)
+            by = identify_each(phasors, prior, ["auto"], start=start, first=model, most=EXPLAINED)
             found = by["auto"]
         elif evidence.has_motions:
             given, std = prior.given, (prior.inertia_std, prior.torque_std)
             found = identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
-    return found if found is not None and found.misfit <= _EXPLAINED else None
+    return found if found is not None and found.misfit <= EXPLAINED else None
 
 
 def _starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:

@@ -251,12 +251,7 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         )
         yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
-        yield _foreign(
-            evidence,
-            found[1],
-            AT_LIMIT,
-            CUT_OFF,
-        )
+        yield _foreign(evidence, found[1], AT_LIMIT, CUT_OFF)
 
 
 def is_clipped(torque: Floats) -> bool:

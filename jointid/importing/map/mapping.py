@@ -32,7 +32,7 @@ class TimeColumn:
     """Samples per second, for "samples" only."""
 
     def __post_init__(self) -> None:
-        _require_text("time", "column", self.column)
+        _require_text("time", self.column)
         _require_one_of("time", "unit", self.unit, (*TIME_UNITS, SAMPLES))
         if self.unit == SAMPLES:
             if self.rate_hz is None:
@@ -191,7 +191,7 @@ class Mapping:
 
 def _checked_channel(what: str, channel: Channel) -> Channel:
     units, scales = QUANTITIES[what]
-    _require_text(what, "column", channel.column)
+    _require_text(what, channel.column)
     where = f"{what} ({channel.column:.60})"
     _require_one_of(where, "unit", channel.unit, tuple(units))
     _require_one_of(where, "side", channel.side, (MOTOR, JOINT))
@@ -210,9 +210,9 @@ def _checked_channel(what: str, channel: Channel) -> Channel:
     return replace(channel, scale=scale)
 
 
-def _require_text(where: str, key: str, value: object) -> None:
-    if not isinstance(value, str):
-        raise JointIdError(f"{where}: {key} = {shown(value)}; expected text.")
+def _require_text(where: str, column: object) -> None:
+    if not isinstance(column, str):
+        raise JointIdError(f"{where}: column = {shown(column)}; expected text.")
 
 
 def _require_one_of(where: str, key: str, value: object, known: Sequence[str]) -> None:

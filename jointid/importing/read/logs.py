@@ -79,9 +79,9 @@ def _read_bytes(data: bytes, name: str, reader: ReaderProcess) -> tuple[LogTable
 
 def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, ...]:
     if path.is_dir():
-        if not (path / "metadata.yaml").is_file():
+        if not (path / _BAG).is_file():
             raise JointIdError(
-                f"{name} is a folder without metadata.yaml, so it is not a ROS 2 bag. Give the log file."
+                f"{name} is a folder without {_BAG}, so it is not a ROS 2 bag. Give the log file."
             )
         require_small(name, sum(part.stat().st_size for part in path.iterdir() if part.is_file()))
         return reader.read("db3", name, path)

@@ -18,7 +18,7 @@ from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_of
 from jointid.importing.read.text.clock_times import ClockCells, is_clock
 from jointid.importing.read.text.layout import is_missing
-from jointid.importing.read.text.numbers import is_number, value_of
+from jointid.importing.read.text.numbers import is_number, number_in
 from jointid.importing.read.text.tables import regular_columns
 from jointid.wording import counted, listed
 
@@ -146,9 +146,9 @@ def _read_slowly(file: str, layout: _Layout, lines: list[str]) -> _Rows:
             strange.append(number)
             continue
         time = cells[layout.time]
-        stamp = clock.read(time) if layout.clocked else _value(time, layout.decimal)
+        stamp = clock.read(time) if layout.clocked else number_in(time, layout.decimal)
         times.append(np.nan if stamp is None else stamp)
-        values = [_value(cells[k], layout.decimal) for k in layout.values]
+        values = [number_in(cells[k], layout.decimal) for k in layout.values]
         if stamp is None or not any(value is not None for value in values):
             strange.append(number)
             continue
@@ -168,10 +168,6 @@ def _names(layout: _Layout, cells: list[str]) -> list[str]:
     parts = [f"{layout.header[k]} {cells[k]}" if cells[k].isdigit() else cells[k] for k in layout.names]
     several = [layout.header[k] for k in layout.values] if len(layout.values) > 1 else [""]
     return [" ".join([*parts, one]).strip() for one in several]
-
-
-def _value(cell: str, decimal: str) -> float | None:
-    return value_of(cell, decimal) if is_number(cell, decimal) else None
 
 
 def _layout(head: str) -> _Layout | None:

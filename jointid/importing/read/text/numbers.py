@@ -35,6 +35,11 @@ def value_of(cell: str, decimal: str, thousands: str = "") -> float:
     return float(plain.replace(decimal, ".").replace("d", "e").replace("D", "e"))
 
 
+def number_in(cell: str, decimal: str, thousands: str = "") -> float | None:
+    """Return the value of a cell, None if it is no number."""
+    return value_of(cell, decimal, thousands) if is_number(cell, decimal, thousands) else None
+
+
 def number_or(text: str, default: float) -> float:
     """Return the value of a text with a point or a comma as decimal mark, else a default."""
     try:

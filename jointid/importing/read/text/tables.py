@@ -28,7 +28,7 @@ from jointid.importing.read.text.layout import (
     is_missing,
     split_line,
 )
-from jointid.importing.read.text.numbers import is_number, value_of, without_thousands
+from jointid.importing.read.text.numbers import is_number, number_in, without_thousands
 from jointid.wording import counted, listed
 
 
@@ -173,11 +173,7 @@ def _read_slowly(
 
 
 def _value(cell: str, layout: TextLayout) -> float | None:
-    if is_missing(cell):
-        return np.nan
-    if not is_number(cell, layout.decimal, layout.thousands):
-        return None
-    return value_of(cell, layout.decimal, layout.thousands)
+    return np.nan if is_missing(cell) else number_in(cell, layout.decimal, layout.thousands)
 
 
 _NULLS = ["NaN", " ", *(f for word in sorted(NO_NUMBER) for f in (word, word.upper(), word.title()))]
