@@ -44,7 +44,7 @@ from jointid.estimation.regression_start import regression_start
 from jointid.gears.dahl import presliding_bins
 from jointid.motion import end_terms
 from jointid.motion.arm_motion import DrivenArms
-from jointid.motion.complement import Basis, Complement
+from jointid.motion.complement import Complement, Waveforms
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.reversals import phasors_of_turns, reversals
@@ -723,7 +723,10 @@ def test_friction_does_not_hide_exchanged_axes() -> None:
 
 def test_joints_without_equations_take_no_noise(capfd: pytest.CaptureFixture[str]) -> None:
     """A record whose waveforms reach every bin has no coordinates; LAPACK printed an error."""
-    none = Basis(np.zeros((0, 3), complex), np.zeros(0, int), np.zeros(1), (np.zeros((0, 0)),))
+    none = Waveforms(
+        [np.eye(3, 6) + 1j * np.eye(3, 6, 3)], [np.zeros((3, 0))], np.ones((3, 1), bool)
+    ).basis
+    assert none.joint.size == 0
     left = Complement.of((none,), np.ones((1, 3, 1, 1), complex)).noise_left()
     assert left.tolist() == [[0.0]]
     assert "".join(capfd.readouterr()) == ""
@@ -735,7 +738,10 @@ def test_waveforms_of_known_size_take_degrees_of_freedom_by_their_share() -> Non
     sizes = np.array([0.0, 1.0, 4.0, 9.0, 1e6])
     turn, _ = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))
     bounded = (turn @ np.diag(sizes[:3]) @ turn.T, np.diag(sizes[3:]))
-    basis = Basis(bins, np.array([0, 0, 0, 1, 1]), np.zeros(2), bounded)
+    basis = replace(
+        Waveforms([np.ones((3, 3))] * 2, [np.zeros((3, 0))] * 2, np.zeros((3, 2), bool)).basis,
+        torques=bins, joint=np.array([0, 0, 0, 1, 1]), bounded=bounded,
+    )  # fmt: skip
     noise = np.broadcast_to(2.0 * np.eye(2), (1, 3, 2, 2)).astype(complex)
     left = Complement.of((basis,), noise).noise_left()
     each = (2 / (2 + sizes)) ** 2

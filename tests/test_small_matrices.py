@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid.motion.complement import Complement, Waveforms
+from jointid.motion.complement import Waveforms
 from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import (
     decaying,
@@ -88,9 +88,9 @@ def test_waveforms_of_known_size_are_noise() -> None:
     V = np.eye(n) * np.array([1.0, 4.0, 0.25]) + 0.1 * np.ones((H, n, n)) + 0j
     bounded = [rng.standard_normal((H, 2)) + 1j * rng.standard_normal((H, 2)) for _ in range(n)]
     none = [np.zeros((H, 0), complex)] * n
-    basis = Waveforms(none, bounded, np.ones((H, n), bool)).basis
+    free = FreeFriction.of([Waveforms(none, bounded, np.ones((H, n), bool))], np.ones((1, n)), H)
     r = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
-    rows = Complement.of((basis,), V[None]).rows(r)
+    rows = free.projection(whitener(V[None]), V[None]).rows(r)
     whole = np.zeros((2 * H * n, 2 * H * n))  # twice the covariance of the real rows
     for h in range(H):
         place = np.arange(n) + h * n

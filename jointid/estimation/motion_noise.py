@@ -15,7 +15,6 @@ from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
-from jointid.estimation.estimators.residual import unknown_friction
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import FAR
 from jointid.estimation.regression_start import regression_start
@@ -49,13 +48,10 @@ def with_noise(
     unweighted: Floats = np.ones(phasors.harmonics.shape[1])
     residual = evaluated(phasors, prior, model, estimate, noise_of_rows(phasors, prior), unweighted)
     left = residual.at.r - residual.free_friction()
-    spread = unknown_friction(residual.at.problem, residual.at.p)
     rows = 2.0 * phasors.harmonics[..., : phasors.n].any(axis=2).sum(axis=1)[:, None]
     share = np.where(residual.at.problem.used, residual.projection.noise_left(rows) / rows, 0)
     clear = share >= np.clip(share[phasors.motion].max(axis=0), _LEAST_LEFT, _CLEAREST)
-    whole = np.einsum("rhjj->rhj", residual.at.V).real
-    by_noise = 1 - np.divide(spread, whole, out=np.zeros(left.shape), where=spread > 0)
-    left *= np.sqrt(by_noise / np.where(clear, share, np.nan)[:, None])
+    left *= np.sqrt(1 / np.where(clear, share, np.nan))[:, None]
     torques = sensor_noise(phasors, left, residual.at.E)
     return with_torque_noise(phasors, prior, torques, prior.motors(phasors, estimate.named))
 

@@ -19,8 +19,6 @@ from jointid.small_matrices import inverse
 
 _MANY = 48
 """Number of waveforms from which Cholesky's method is faster despite a call per record."""
-_FEW = 1e8
-"""Operations per record that are quick in either case."""
 _RIDGE = DEPENDENT
 """Added to the Gram matrix of unit columns: neighbouring hat functions are nearly dependent."""
 
@@ -34,7 +32,7 @@ class FreeFriction:
     ends: tuple[np.ndarray, Complexes] | None = None
     """Indices of some records, shape (m,), and further columns, (m, H, n, k)."""
     bases: tuple[Basis, ...] = ()
-    """In place of the groups, for motions: the complement of each record, with bounded friction."""
+    """In place of the groups, for motions: the basis of each record, with bounded friction."""
     shapes: int = 0
     """Number of waveforms; their rank may be smaller."""
 
@@ -47,7 +45,7 @@ class FreeFriction:
         """
         counts = np.array([own.count for own in records], dtype=int)
         n = sizes.shape[1]
-        if any(each.shape[1] for own in records for each in own.bounded) and _few_are_left(records):
+        if any(each.shape[1] for own in records for each in own.bounded):
             bases = tuple(own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
             return cls(bases=bases, shapes=int(sum(basis.freed.sum() for basis in bases)))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
@@ -78,8 +76,12 @@ class FreeFriction:
 
     def projection(self, W: Complexes, V: Complexes) -> Projection:
         """Return the projection for the whitening matrices W of the covariances V, (r, H, n, n)."""
-        columns = tuple(Columns.of(k, real_rows(W[k] @ each)) for k, each in self.groups)
-        free = Projection(W, columns, Complement.of(self.bases, V) if self.bases else None)
+        complement = Complement.of(self.bases, V) if self.bases else None
+        if complement:
+            columns = [Columns.of(np.array([k]), each[None]) for k, each in complement.columns()]
+        else:
+            columns = [Columns.of(k, real_rows(W[k] @ each)) for k, each in self.groups]
+        free = Projection(W, tuple(columns), complement)
         if self.ends is None:
             return free
         records, shapes = self.ends
@@ -135,9 +137,15 @@ class Columns:
         inverses = np.linalg.inv(self.gram)
         return float(own - (_RIDGE * np.trace(inverses, axis1=1, axis2=2).sum() - zeros))
 
-    def leverage(self) -> Floats:
-        """Share of every row that is free, shape (g, m)."""
-        return np.asarray(np.einsum("gmk,gmk->gm", self.free, self.free @ np.linalg.inv(self.gram)))
+    def leverage(self, data: int | None = None) -> Floats:
+        """Share of every row that is free, shape (g, m).
+
+        Rows from ``data`` on are no data, but known amplitudes: the others then keep some of the noise.
+        """
+        shares = self.free @ np.linalg.inv(self.gram)
+        known = self.free[:, len(self.free[0]) if data is None else data :]
+        by_known = ((shares @ known.swapaxes(1, 2)) ** 2).sum(axis=2)
+        return np.asarray(np.einsum("gmk,gmk->gm", self.free, shares) + by_known)[:, :data]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,26 +157,21 @@ class Projection:
     columns: tuple[Columns, ...]
     """Columns of disjoint groups of records."""
     complement: Complement | None
-    """In place of the columns: coordinates that the waveforms do not reach."""
+    """Coordinates of the rows; bins by default."""
     ends: Columns | None = None
     """Further columns, orthogonal to the others."""
 
-    def _without_waveforms(self, values: Complexes) -> Floats:
-        if self.complement:
-            return self.complement.rows(values)
-        left = real_rows(self.W @ values)
-        for each in self.columns:
-            left[each.records] = each.rest(left[each.records])
-        return left
+    def _coordinates(self, values: Complexes) -> Floats:
+        return self.complement.rows(values) if self.complement else real_rows(self.W @ values)
 
     def rows(self, values: Complexes) -> Floats:
         """Whitened rows (r, m, c) of values (r, H, n, c) without their part in the waveforms.
 
         They are real and imaginary parts of all bins and joints, or coordinates of the complement.
         """
-        left = self._without_waveforms(values)
-        if self.ends:
-            left[self.ends.records] = self.ends.rest(left[self.ends.records])
+        left = self._coordinates(values)
+        for each in (*self.columns, *([self.ends] if self.ends else [])):
+            left[each.records] = each.rest(left[each.records])
         return left
 
     def whitened(self, rows: Floats) -> Complexes:
@@ -183,22 +186,26 @@ class Projection:
         found = np.zeros((len(values), count))
         if self.ends:
             length = np.where(self.ends.length > 0, self.ends.length, np.inf)
-            rows = self.complement.rows(values) if self.complement else real_rows(self.W @ values)
-            rows = rows[self.ends.records]
+            rows = self._coordinates(values)[self.ends.records]
             found[self.ends.records] = (self.ends.sizes(rows)[..., 0] / length)[:, :count]
         return found
 
     def rank(self) -> int:
         """Effective degrees of freedom of the free friction: the trace of its projection."""
-        found = sum(each.rank() for each in self.columns) + (self.ends.rank() if self.ends else 0.0)
-        bases = self.complement.bases if self.complement else ()
-        return round(found + float(sum(basis.freed.sum() for basis in bases)))
+        found = self.ends.rank() if self.ends else 0.0
+        if self.complement:  # its columns may have a known size
+            return round(found + float(sum(basis.freed.sum() for basis in self.complement.bases)))
+        return round(found + sum(each.rank() for each in self.columns))
 
     def noise_left(self, known: Floats) -> Floats:
         """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1)."""
         n = self.W.shape[2]
         if self.complement:
-            found = self.complement.noise_left()
+            found, bases = self.complement.noise_left(), self.complement.bases
+            for each in self.columns:
+                record = int(each.records[0])
+                taken, of_row = each.leverage(self.complement.coordinates)[0], bases[record].of_row
+                found[record] -= np.bincount(of_row, taken[: of_row.size], n)
             if self.ends:  # they take from all joints alike
                 found[self.ends.records] -= self.ends.leverage().sum(axis=1, keepdims=True) / n
             return found
@@ -213,16 +220,6 @@ class Projection:
         used = np.diagonal(self.W, axis1=2, axis2=3) != 0
         back = inverse(self.W + np.eye(self.W.shape[-1]) * ~used[..., None])
         return np.asarray(np.where(used, (back @ free)[..., 0], 0))
-
-
-def _few_are_left(records: Sequence[Waveforms]) -> bool:
-    """Whether the complement takes fewer operations than projecting the waveforms out, or few."""
-    rows = np.array([2 * np.count_nonzero(own.known) for own in records], dtype=float)
-    waveforms = np.array([own.count for own in records])
-    left, bins = np.maximum(rows - waveforms, 0), np.array([len(own.known) for own in records])
-    by_complement = 2 * bins * left**2 + left**3 / 3  # its covariance and Cholesky factor
-    by_columns = 2 * rows * waveforms**2 + waveforms**3 / 3  # the Gram matrix and its factor
-    return bool(by_complement.sum() <= max(by_columns.sum(), _FEW * len(records)))
 
 
 def real_rows(values: Complexes) -> Floats:

@@ -82,16 +82,6 @@ class FrictionWaveforms:
         return {"coulomb": self.coulomb, **curve, **self.further}
 
     @cached_property
-    def spread(self) -> Floats:
-        """Variance of the bounded friction, shape (r, H, n), (N·m)²; zero where a complement has it."""
-        found = np.zeros(self.coulomb.shape)
-        if not self.free.bases:
-            for place, own, sizes in zip(found, self.unknown, self.sizes, strict=True):
-                for j, waveforms in enumerate(own.bounded):
-                    place[: len(waveforms), j] = sizes[j] ** 2 * (np.abs(waveforms) ** 2).sum(axis=1)
-        return found
-
-    @cached_property
     def free(self) -> FreeFriction:
         """Free friction waveforms around the reversals."""
         return FreeFriction.of(self.unknown, self.sizes, self.coulomb.shape[1])

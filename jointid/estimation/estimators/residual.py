@@ -116,7 +116,6 @@ class Residual:
                 law = problem.laws.law(wound, gear), law[1]
         r = torque - gear_torque(X, arm, q, law)
         V = lifted(E @ CE, E, problem.noise.covariance)
-        V += unknown_friction(problem, p)[..., None, :] * np.eye(n)
         if problem.law_noise is not None:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
@@ -330,10 +329,3 @@ class Residual:
             by_unknown += turned(self.arm @ (change @ moved[..., None]))
             found["M2"] += by_unknown * problem.prior.by_lower
         return found
-
-
-def unknown_friction(problem: Problem, p: Parameters) -> Floats:
-    """Variance of the bounded friction in true units, shape (r, H, n), (N·m)²."""
-    if problem.friction is None:
-        return np.zeros((*problem.s.shape, problem.n))
-    return np.asarray(problem.friction.spread * np.square(p.torque_scale))

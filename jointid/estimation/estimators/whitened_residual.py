@@ -17,7 +17,7 @@ from jointid.estimation.estimators.problem import (
     friction_advance,
     motor_stiffness,
 )
-from jointid.estimation.estimators.residual import Residual, unknown_friction
+from jointid.estimation.estimators.residual import Residual
 from jointid.gears.torsion_curve import TorsionCurve, torsion_curves
 from jointid.gears.wound import Wound
 from jointid.motion.free_friction import FreeFriction, Projection
@@ -98,9 +98,9 @@ class WhitenedResidual:
         if self.free.shapes and "position_filter" in layout:
             moved = self.at.by_position_filter(self.free_friction() - self._ends())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
-        if self.at.problem.ends is not None and "torque_scale" in layout:
+        if self.projection.complement and "torque_scale" in layout:
             # Unknown friction is a part of the logged torque and has its scale.
-            own = self._bounded_friction() / self.at.p.torque_scale
+            own = self.projection.complement.bounded_friction(self.rows) / self.at.p.torque_scale
             J[..., layout["torque_scale"]] -= own[..., None] * np.eye(own.shape[2])
         return J
 
@@ -112,14 +112,6 @@ class WhitenedResidual:
             sizes = self.projection.first_sizes(self.at.r[..., None], columns.shape[3])[records]
             found[records] = (columns @ sizes[:, None, :, None])[..., 0]
         return found
-
-    def _bounded_friction(self) -> Complexes:
-        """Most likely friction of known size, shape (r, H, n), N·m, without the free waveforms."""
-        if self.projection.complement:
-            return self.projection.complement.bounded_friction(self.rows[..., None])[..., 0]
-        left = self.W.conj().swapaxes(2, 3) @ self.projection.whitened(self.rows[..., None])
-        size = unknown_friction(self.at.problem, self.at.p) * self.weight[..., None]
-        return np.asarray(size * left[..., 0])
 
     def smoothed(self) -> Complexes:
         """Signals nearest to those measured, in units of noise, without residual: z − C Eᴴ V⁻¹r.
