@@ -58,7 +58,7 @@ def grown(search: Search, best: Model) -> Model:
         if search.is_spent:
             break
         if not _is_passed_over(search, wider, best, leading):
-            _fit_wider(search, wider, best, leading)
+            _fit_wider(search, wider, best)
             found.append(search.pruned(wider) if _is_kept(search, wider, best) else wider)
     return fits.least(found)
 
@@ -112,17 +112,14 @@ def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
     return all(search.fits.part_is_significant(wider, estimate, part) for part in added)
 
 
-def _fit_wider(search: Search, wider: Model, narrow: Model, leading: Model) -> None:
+def _fit_wider(search: Search, wider: Model, narrow: Model) -> None:
     """Fit with one more part, from the estimate without it.
 
-    Where that estimate is far from the data, the fit starts from the model of the same parts with other
-    friction. If the misfit does not fall, it starts from the usual start values: one more part cannot
-    raise the cost.
+    If the misfit does not fall, it starts from the usual start values: one more part cannot raise the
+    cost.
     """
-    fits, near = search.fits, [narrow]
-    if leading.parts == wider.parts and fits.misfit(narrow) >= LOST:
-        near.insert(0, leading)
-    starts = [each.named for model in near if (each := fits.estimate(model))]
+    fits, near = search.fits, search.fits.estimate(narrow)
+    starts = [near.named] if near else []
     bar = max(POOR, fits.misfit(narrow))
     # The gears' motion would diverge; in a repeated search it would start from a near estimate again.
     if not (search.has_motions and (narrow.is_slow or (wider.is_slow and search.is_repeated))):

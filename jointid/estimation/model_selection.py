@@ -38,7 +38,6 @@ from jointid.estimation.model_climb import (
     fit_hanging,
     fit_laws,
     fit_regressed,
-    fit_slopes,
 )
 from jointid.estimation.model_fits import fit_without_inertias, freest, start_with_friction
 from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown, narrowed
@@ -264,10 +263,6 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         return _choice(search, fits.least())
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
-        if "piecewise" in choice.model.effects and search.is_lost:  # they may not reach all slopes
-            cubic = choice.model.replacing("piecewise", "cubic")
-            search.fit(cubic, choice.estimate.named, compares=False)
-            fit_slopes(search, cubic)
     if search.is_lost:  # several parts explained these records
         climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least() if search.is_lost else _best(search))

@@ -7,12 +7,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Floats
-from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, Model
+from jointid.estimation.candidates import CHANCE, EXPLAINED, Model
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS, Parameters
 from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
 from jointid.estimation.model_climb import fit_hanging, freed
-from jointid.estimation.model_search import DOUBTFUL, Search
+from jointid.estimation.model_search import Search
 from jointid.motion.per_turn import PerTurn
 
 HIGHEST_ORDER = 48
@@ -132,11 +132,6 @@ def _fit_orders(search: Search, model: Model, effect: PerTurn, near: Parameters)
         if found is None:
             break
         near = _without(found, effect)
-        if found.misfit > DOUBTFUL and model.reversal == 0 and not search.has_motions:
-            free = replace(model, reversal=0.03)  # the residual of sticking hides the order
-            nearer = _fitted(search, free, effect, near)
-            if nearer and NEEDED * nearer.misfit < found.misfit:
-                model, found, near = free, nearer, _without(nearer, effect)
         gain, phase, _ = _scores(search, model, near)[effect.effect]
         if nearest is None or found.cost < nearest[1].cost:
             nearest = effect, found, gain
