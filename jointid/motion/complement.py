@@ -200,14 +200,22 @@ class _Factor:
     def rows(self, basis: Basis, values: Complexes) -> Floats:
         """Coordinates of unit variance for values (H, n, c)."""
         values = values[: len(basis.kept)]
-        own = self.whitener @ values[:, basis.joints]
-        given = values - self.through @ values[:, basis.joints]
+        of_kept = values[:, basis.joints]
+        return self._joined(basis, self.whitener @ of_kept, values - self.through @ of_kept)
+
+    def columns(self, basis: Basis) -> Floats:
+        """The same for the columns of a basis, (C, k), each of one joint."""
+        place, columns = np.searchsorted(basis.joints, basis.of_joint), basis.columns.T[:, None]
+        own, through = self.whitener[:, :, place] * columns, self.through[:, :, place] * columns
+        return self._joined(basis, own, -through)
+
+    def _joined(self, basis: Basis, own: Complexes, given: Complexes) -> Floats:
         bins = np.ascontiguousarray(given.transpose(1, 2, 0)).view(float)
-        torques = np.empty((basis.joint.size, values.shape[2]))
+        torques = np.empty((basis.joint.size, own.shape[2]))
         for used, of_joint in zip(basis.of_joints(), bins, strict=True):
             torques[used] = basis.torques[used].view(float) @ of_joint.T
         torques = solve_triangular(self.root, torques, trans="T", check_finite=False)
-        return np.concatenate([_real(own.reshape(-1, values.shape[2])), torques])
+        return np.concatenate([_real(own.reshape(-1, own.shape[2])), torques])
 
     def weighted(self, basis: Basis, rows: Floats) -> Complexes:
         """Values (H, n, c) over their covariance for coordinates (C, c)."""
@@ -262,10 +270,8 @@ class Complement:
         """
         for record, (basis, factor) in enumerate(zip(self.bases, self.factors, strict=True)):
             if count := basis.of_joint.size:
-                values = np.zeros((*basis.kept.shape, count), complex)
-                values[:, basis.of_joint, np.arange(count)] = basis.columns.T
                 found = np.zeros((self._length, count))
-                found[: basis.of_row.size] = factor.rows(basis, values)
+                found[: basis.of_row.size] = factor.columns(basis)
                 sized = np.flatnonzero(basis.is_sized)
                 found[self.coordinates + np.arange(sized.size), sized] = 1
                 yield record, found
