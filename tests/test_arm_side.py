@@ -449,6 +449,14 @@ def test_a_wrong_torque_constant_does_not_change_the_payload() -> None:
     assert uncertain > 1.5 * exact
 
 
+def test_a_vibrating_sensor_makes_no_payload_heavier() -> None:
+    """Its acceleration is in the torque of links and payload alike; it was worth 36 kg, 3.2 σ."""
+    shaken = motion_record(replace(TRUTH, vibration=5.0), 2, seconds=12.0)
+    found = identify_arm_side(shaken, ROBOT, jackknife=False)
+    assert abs(off_by(found)) < 1.5
+    assert np.all(np.abs(found.K[:SENSORS] - TRUTH.K) < 3 * found.standard_error[:SENSORS])
+
+
 def test_a_log_with_sensors_behind_the_gears(tmp_path: Path) -> None:
     """Names find the sensors, degrees become radians at the joint, and a study keeps them."""
     names = [f"motor_{n}_{k}_{u}" for n, u in (("pos", "rad"), ("torque", "Nm")) for k in range(1, 7)]

@@ -36,7 +36,8 @@ _PARTS = (6, 10)
 """Numbers of parts of the time, each left out in turn: the same part of every record."""
 _FEWEST = 60
 _FIRST_COMPLIANCE = 2e-7
-_ROUNDS = 3
+_ROUNDS, _MOST_ROUNDS, _SETTLED_RAD = 3, 8, 1e-4
+"""Rounds, and most of them until the deflection of soft gears settles: gravity depends on it."""
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
 """Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
 deflection by this change: in a joint that hardly moves, it passes for a skew of milliseconds."""
@@ -143,8 +144,9 @@ def _identified(
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
     skew_error = np.full(robot.n, np.inf)
-    for round_ in range(_ROUNDS):
-        last = round_ == _ROUNDS - 1
+    settled = False
+    for round_ in range(_MOST_ROUNDS):
+        last = round_ == _MOST_ROUNDS - 1 or (settled and round_ >= _ROUNDS - 1)
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
         torque, payload, parts = ([each[k] for each in both] for k in range(3))
         if not round_:
@@ -157,20 +159,23 @@ def _identified(
         mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
         torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
         payload = [p @ root for p in payload]
+        data, checked = (given, motions, torque, payload), round_ > 0 and jackknife
         joints = [
-            _joint(j, given, motions, torque, payload, joint, float(skew_error[j]), round_, jackknife)
-            for j, joint in enumerate(joints)
+            _joint(j, *data, near, float(skew_error[j]), last, checked) for j, near in enumerate(joints)
         ]
-        if not last:
-            skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
-            if round_:
-                skew, skew_error = _skews(joints, skew)
-            motions = [m.aligned(skew) for m in motions]
-            # a sensor that the torque does not explain tells nothing about the angle of the arm
-            seen = np.array([not _reason(joint, True, True, False) for joint in joints])
-            compliance = np.array([joint.compliance if joint else 0.0 for joint in joints])
-            pairs = zip(motions, torque, strict=True)  # offsets of the sensors hide the mean deflection
-            elastic = [seen * (m.elastic() + compliance * t.mean(axis=0)) for m, t in pairs]
+        if last:
+            break
+        skew = np.array([joint.skew_s if joint else 0.0 for joint in joints])
+        if round_:
+            skew, skew_error = _skews(joints, skew)
+        motions = [m.aligned(skew) for m in motions]
+        # a sensor that the torque does not explain tells nothing about the angle of the arm
+        seen = np.array([not _reason(joint, True, True, False) for joint in joints])
+        compliance = np.array([joint.compliance if joint else 0.0 for joint in joints])
+        pairs = zip(motions, torque, strict=True)  # offsets of the sensors hide the mean deflection
+        before = elastic
+        elastic = [seen * (m.elastic() + compliance * t.mean(axis=0)) for m, t in pairs]
+        settled = all(np.abs(a - b).max() < _SETTLED_RAD for a, b in zip(elastic, before, strict=True))
     joints = [
         joint
         and replace(
@@ -237,8 +242,8 @@ def _joint(
     payload: list[Floats],
     near: JointDeflection | None,
     skew_error: float,
-    round_: int,
-    jackknife: bool,
+    last: bool,
+    checked: bool,
 ) -> JointDeflection | None:
     sensed = [k for k, m in enumerate(motions) if np.isfinite(m.deflection[:, j]).all()]
     seen = [k for k in sensed if 1 / ALIKE < share(motions[k], j) < ALIKE]
@@ -250,10 +255,6 @@ def _joint(
     angle = np.concatenate([motions[k].raw[motions[k].inner, j] for k in seen])
     above = np.concatenate([motions[k].above_band[motions[k].inner, j] for k in seen])
     ripple = near.ripple if near else Ripple.over(angle, tooth_orders(angle, above))
-    last, checked = (
-        round_ == _ROUNDS - 1,
-        round_ > 0 and jackknife,
-    )  # the first round's error is not used
     y, columns, speed, source, progress, every = [], [], [], [], [], []
     for i, k in enumerate(seen):
         m, motor = motions[k], given[k].theta_rad[given[k].start :, j]
