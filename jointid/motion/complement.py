@@ -179,7 +179,7 @@ class _Factor:
     whitener: Complexes
     """Of the bins kept, shape (H, a, a); zero where a bin is no equation."""
     through: Complexes
-    """Values at all motors that those at the bins kept let expect, shape (H, n, a)."""
+    """Expected values at all motors per value at the bins kept, shape (H, n, a)."""
     root: Floats
     """Upper Cholesky factor of the covariance of the torques given the bins kept, (C, C)."""
 
@@ -266,7 +266,7 @@ class Complement:
     def columns(self) -> Iterator[tuple[int, Floats]]:
         """Number and columns (C, k) of each record with some, to be projected out of its coordinates.
 
-        The amplitudes of known size are measurements of zero.
+        An amplitude of known size is a measurement of zero.
         """
         for record, (basis, factor) in enumerate(zip(self.bases, self.factors, strict=True)):
             if count := basis.of_joint.size:
