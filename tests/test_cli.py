@@ -29,6 +29,7 @@ from jointid.exporting.identification import with_infinite_as
 from jointid.files.application import __version__, sample_studies
 from jointid.files.atomic_write import write_file
 from jointid.files.digest import study_digest
+from jointid.importing import mapping_from_json
 from jointid.importing.study import study_name
 from jointid.wording import with_error
 
@@ -582,6 +583,10 @@ def test_gear_ratios_and_inertias_of_a_log_come_from_a_robot_model(here: Path) -
     np.savetxt("log.csv", rows, "%.12g", ",", header=",".join(["time_s", *names]), comments="")
     Path(model.source[0]).write_bytes(model.source[1])
     ok("convert", "log.csv", "--guess", "m.json")
+    shown = ok("convert", "log.csv", "--guess", "g.json", "--robot-model", model.source[0], "--json")
+    proposed, entries = mapping_from_json(Path("g.json").read_bytes()), json.loads(shown)["reasons"]
+    assert [joint.gear_ratio for joint in proposed.joints] == model.gear_ratio.tolist()
+    assert sum(each["sure"] for each in entries if each["what"].startswith("gear ratio")) == 6
     command = ["convert", "log.csv", "--mapping", "m.json", "--robot-model", model.source[0]]
     ok(*command, "-o", "new.zip")
     found = load_study("new.zip")

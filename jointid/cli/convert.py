@@ -128,8 +128,9 @@ def convert(
     read_as = [_as_read(table) for table in tables]
     for line in read_as:
         typer.echo(line, err=True)
+    model = RobotModel.load(robot_model) if robot_model else None
     if guess is not None:
-        _write_guess(tables[0], guess, as_json, read_as)
+        _write_guess(tables[0], model, guess, as_json, read_as)
         return
     if chosen is not None and list_runs is not None:
         _write_runs(tables, chosen, list_runs, together)
@@ -143,7 +144,7 @@ def convert(
         nominal=assumed, name=called, inertia_std=inertia_std, torque_std=torque_std
     )
     robot = None if inertia is None else robot_from(inertia)
-    model = RobotModel.load(robot_model) if robot_model else robot and robot.robot_model
+    model = model or (robot.robot_model if robot else None)
     chosen = with_gears_of(model, chosen)
     poses: list[str | None] = list(pose) if pose else [None]
     if len(poses) not in (1, len(tables)):
@@ -171,21 +172,28 @@ def convert(
         typer.echo(line, err=True)
 
 
-def _write_guess(table: Any, guess: Path, as_json: bool, read_as: Sequence[str]) -> None:
-    """Write the proposed mapping, and print the reason of each entry."""
+def _write_guess(table: Any, model: Any, guess: Path, as_json: bool, read_as: Sequence[str]) -> None:
+    """Write the proposed mapping with the gear ratios of a model, and print the reason of each entry."""
     from jointid.importing import guess_mapping, mapping_to_json
     from jointid.importing.map.reasons import grouped, of_joints
 
     guessed = guess_mapping(table)
-    text = mapping_to_json(guessed.mapping)
+    mapping = with_gears_of(model, guessed.mapping)
+    both = zip(guessed.mapping.joints, mapping.joints, strict=True)
+    known = {f"gear ratio of joint {j}" for j, (a, b) in enumerate(both, start=1) if a != b}
+    reasons = [
+        replace(each, text="Taken from the robot model.", sure=True) if each.what in known else each
+        for each in guessed.reasons
+    ]
+    text = mapping_to_json(mapping)
     write_file(guess, (text + "\n").encode())
     if as_json:
-        reasons = [asdict(reason) for reason in guessed.reasons]
-        print_json({"mapping": json.loads(text), "reasons": reasons, "read_as": list(read_as)})
+        entries = [asdict(reason) for reason in reasons]
+        print_json({"mapping": json.loads(text), "reasons": entries, "read_as": list(read_as)})
         return
     rows = [
         [entry + of_joints(joints), "" if sure else "check", why]
-        for (entry, why, sure), joints in grouped(guessed.reasons).items()
+        for (entry, why, sure), joints in grouped(reasons).items()
     ]
     print_table(["entry", "", "reason"], rows)
     for note in table.notes:
