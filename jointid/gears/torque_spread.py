@@ -13,10 +13,7 @@ from jointid.small_matrices import decaying
 
 def periodic_dahl(delta: Floats, sharpness: Floats) -> Floats:
     """Dahl's z over a period, dz/dδ = sharpness (1 − z sign δ̇), periodic; last axis time."""
-    move = np.diff(delta, axis=-1, append=delta[..., :1])
-    lost = np.expm1(-np.abs(move) * sharpness)
-    decay, drive = (x.reshape(-1, delta.shape[-1]) for x in (1 + lost, -np.sign(move) * lost))
-    return _periodic(decay, drive[..., None]).reshape(delta.shape)
+    return _dahl_steps(delta, sharpness)[0]
 
 
 def average_dahl(delta: Floats, sharpness: Floats) -> Floats:
@@ -24,11 +21,18 @@ def average_dahl(delta: Floats, sharpness: Floats) -> Floats:
 
     Accurate for the smallest steps, also of a gear at rest.
     """
-    before = np.roll(periodic_dahl(delta, sharpness), 1, axis=-1)
-    move = delta - np.roll(delta, 1, axis=-1)
-    way = sharpness * np.abs(move)
-    kept = np.divide(-np.expm1(-way), way, out=np.ones_like(way), where=way > 0)
-    return np.asarray(before * kept + np.sign(move) * (1 - kept))
+    z, sign, way, lost = _dahl_steps(delta, sharpness)
+    kept = np.divide(-lost, way, out=np.ones_like(way), where=way > 0)
+    return np.roll(z * kept + sign * (1 - kept), 1, axis=-1)
+
+
+def _dahl_steps(delta: Floats, sharpness: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """z at each sample; of the step from there the sign, the length in presliding w, and e^{−w} − 1."""
+    move = np.diff(delta, axis=-1, append=delta[..., :1])
+    sign, way = np.sign(move), np.abs(move) * sharpness
+    lost = np.expm1(-way)
+    decay, drive = (x.reshape(-1, delta.shape[-1]) for x in (1 + lost, -sign * lost))
+    return _periodic(decay, drive[..., None]).reshape(delta.shape), sign, way, lost
 
 
 def _periodic(decay: Floats, drive: Floats) -> Floats:

@@ -154,7 +154,7 @@ class Basis:
     def covariance(self, V: Complexes) -> Floats:
         """Upper triangle of twice the covariance (C, C) of real rows, for that of bins, (H, n, n)."""
         S = np.zeros((self.joint.size, self.joint.size))
-        between = np.ascontiguousarray(V.transpose(1, 2, 0)[..., : self.torques.shape[1]])
+        between = np.ascontiguousarray(V.transpose(1, 2, 0))
         for own, row, bounded in zip(self.of_joints(), between, self.bounded, strict=True):
             later = row[self.joint[own.start :]] * self.torques[own.start :]
             S[own, own.start :] = self.torques[own].view(float) @ later.view(float).T
