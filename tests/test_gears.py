@@ -19,7 +19,7 @@ from random_cases import tries
 from scipy.integrate import solve_ivp
 
 from benchmarks.independent_robot import MAX_STEP_S, Experiment, Robot, paper_motions, simulate
-from benchmarks.real_robots import LOW, Case, Change, rubbing
+from benchmarks.real_robots import LOW, Case, Change, Loads, rubbing
 from jointid import (
     Controller,
     Elasticity,
@@ -921,6 +921,20 @@ def test_backlash_is_not_identified_as_three_slopes(seed: int) -> None:
     assert [gear.kind for gear in fit.gears] == ["backlash"] * 2
     assert [gear.backlash_rad for gear in fit.gears] == pytest.approx(play, rel=0.02)
     np.testing.assert_allclose(fit.K, [36, 9.5], rtol=1e-3)
+
+
+def test_backlash_is_sought_where_slopes_imitate_it() -> None:
+    """Slopes explained the records: K1 was 97 % too small, of the gear inside its play."""
+
+    def play(robot: Robot, loads: Loads) -> dict[str, Any]:
+        return {"backlash_rad": [0.06 * loads.deflection[0], 0]}
+
+    campaign = Case(change=play).campaign(4)
+    (records,) = simulate([(campaign.robot, campaign.experiment)])
+    fit = analyse(campaign.study(records)).fit
+    assert [gear.kind for gear in fit.gears] == ["backlash", "linear"]
+    assert fit.gears[0].backlash_rad == pytest.approx(campaign.robot.backlash_rad[0], rel=0.02)
+    np.testing.assert_allclose(fit.K, campaign.robot.K, rtol=2e-3)
 
 
 @pytest.mark.parametrize(("ratio", "edge"), [(2.0, 0.1), (3.0, 0.2), (3.0, 0.35)])

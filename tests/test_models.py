@@ -517,6 +517,7 @@ def fits_of(
     monkeypatch.setattr(model_search, "other_laws", lambda *_, is_near: ())
     monkeypatch.setattr(model_search, "by_regression", lambda *_: None)
     monkeypatch.setattr(model_search, "with_one_bend", lambda _: None)
+    monkeypatch.setattr(Model, "imitates_other_law", lambda *_: False)
     return made
 
 
@@ -592,6 +593,18 @@ def test_one_change_of_slope_is_taken_at_about_the_same_cost(
     found = search.fits.estimate(model)
     assert found is not None
     assert found.cost == (cost if taken else 100.0)
+
+
+@pytest.mark.parametrize(("misfit", "kept"), [(1.0, False), (2.9, False), (3.1, True)])
+def test_slopes_that_imitate_backlash_are_no_fit(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, kept: bool
+) -> None:
+    """Far from the data they may imitate a part that is still missing."""
+    fits_of(monkeypatch, {"start": (100.0, misfit)})
+    monkeypatch.setattr(Model, "imitates_other_law", lambda *_: True)
+    search, model = search_of(phasors=sines(np.ones(1))), PLAIN.with_part("piecewise")
+    search.fit(model, "start")  # type: ignore[arg-type]
+    assert (search.fits.estimate(model) is not None) == kept
 
 
 def test_fits_of_gear_laws_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:

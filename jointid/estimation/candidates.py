@@ -67,6 +67,14 @@ class Model:
         """Orders of its periodic effects."""
         return [k for each in self.per_turn if each.effect in self.effects for k in each.orders if k]
 
+    def imitates_other_law(self, estimate: LikelihoodEstimate) -> bool:
+        """Whether slopes begin with one near zero, as backlash, or with a steep one, as hysteresis."""
+        if "piecewise" not in self.effects:
+            return False
+        p = estimate.named
+        stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
+        return bool(np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)))
+
     def ratio_error(self, estimate: LikelihoodEstimate) -> Floats:
         """Largest change of each gear ratio by a transmission error, over the ratio, shape (n,)."""
         p = estimate.named
@@ -297,11 +305,8 @@ class Fits:
             clear[:] = 2 * (simpler.whole_cost(own) - estimate.whole_cost(own)) > least
         if part == "transmission" and np.any(model.ratio_error(estimate) > _MOST_RATIO_ERROR):
             return False
-        if part == "piecewise":  # a first slope near zero, or a steep one, is backlash or hysteresis
-            p = estimate.named
-            stiffer = (p.K + p["piecewise"]) / np.maximum(p.K, np.finfo(float).tiny)
-            if np.any((stiffer > _BEND) | (stiffer < 1 / _BEND)):
-                return False
+        if part == "piecewise" and model.imitates_other_law(estimate):
+            return False
         if part in EFFECTS and EFFECTS[part].positive:
             if np.any(size < -_SIGNIFICANT * sigma):
                 return False

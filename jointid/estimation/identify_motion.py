@@ -49,6 +49,9 @@ _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY = 10_000
 """Number of equations above which the model of many joints also comes from the first segments."""
+_CROWDED, _WIDER = 1.5, 2.0
+"""Unknown torques in short rests over equations of a joint from which the band is wider, and its factor:
+a wider band resolves the short moves between them."""
 _SEARCHES, _TWICE = 3, 1.0
 """Most further searches with the noise that the chosen model leaves, and the change of its variance,
 over the smaller one, that asks for more than one: with twice the noise, a wrong minimum may pass."""
@@ -148,13 +151,17 @@ def _identified(
     phasors, source = _phasors(records, given.M[given.rotor])
     _require_motion(phasors)
     prior = given.of_rows(source)
+    begin = regression_start(phasors, prior)
+    if "coulomb" in begin.layout and _is_crowded(phasors):
+        phasors, source = _phasors(records, given.M[given.rotor], _WIDER)
+        prior = given.of_rows(source)
     whole = phasors, prior
     rows, many = _few(phasors, prior), _are_many(phasors)
     if many:
         phasors, prior, rows = phasors.select(rows), prior.of_rows(rows), np.arange(rows.size)
     start: Floats | Parameters
     phasors, start, first, far = with_first_noise(
-        phasors, prior, rows, regression_start(*whole), many=many, gives_up=gives_up
+        phasors, prior, rows, begin, many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
     known = [each for each in first if many or each.delay]
@@ -260,7 +267,18 @@ def _lines(
     return lines, [estimate.inertias[k] for k in row]
 
 
-def _phasors(records: list[MotionRecord | SineRecord], M: Floats) -> tuple[Phasors, np.ndarray]:
+def _is_crowded(phasors: Phasors) -> bool:
+    """Whether short rests in the motions have far more unknown torques than some joint has equations."""
+    unknown = friction_waveforms(phasors, 0.0).unknown
+    motions = [unknown[row] for row in np.flatnonzero(phasors.motion).tolist()]
+    torques: Floats = np.sum([each.in_short_rests for each in motions], axis=0)
+    equations: Floats = np.sum([each.equations for each in motions], axis=0)
+    return bool(np.any(torques > _CROWDED * equations))
+
+
+def _phasors(
+    records: list[MotionRecord | SineRecord], M: Floats, widened: float = 1.0
+) -> tuple[Phasors, np.ndarray]:
     """Rows of all records, and the record of each row."""
     motions = {k: record for k, record in enumerate(records) if isinstance(record, MotionRecord)}
     sines = {k: record for k, record in enumerate(records) if isinstance(record, SineRecord)}
@@ -270,7 +288,7 @@ def _phasors(records: list[MotionRecord | SineRecord], M: Floats) -> tuple[Phaso
         parts.append(extract_phasors(list(sines.values())))
         source += sines
     if motions:
-        rows = motion_phasors(list(motions.values()), M[list(motions)])
+        rows = motion_phasors(list(motions.values()), M[list(motions)], widened)
         parts.append(rows)
         numbers = list(motions)
         source += [numbers[segment.record] for segment in rows.segments if segment is not None]

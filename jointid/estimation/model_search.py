@@ -258,6 +258,8 @@ class Search:
             apart = with_one_bend(estimate.named)
             if apart is not None and estimate.misfit < DOUBTFUL:
                 estimate = self._better(estimate, model, apart, waveforms, _SAME_COST)
+            if estimate.misfit < DOUBTFUL and model.imitates_other_law(estimate):
+                raise JointIdError("Its slopes are those of backlash or hysteresis.")
         except JointIdError as error:
             tried.setdefault(model, error)
             return

@@ -12,7 +12,7 @@ _SHARE = 1 / 300
 """Power of the velocity per octave, over its largest, that belongs to the motion."""
 _CLEAR = 30.0
 """Power of motion and torque over that of their noise."""
-_HIGHEST = 0.16
+HIGHEST = 0.16
 """Largest frequency over the sample rate: above it the sampled motion is inaccurate."""
 _CYCLES = 5.0
 """Cycles of the lowest frequency in the shortest part."""
@@ -27,7 +27,7 @@ def proposed_band(parts: Sequence[UniformPart], variance: Floats) -> tuple[float
     """
     T = parts[0].interval_s
     samples = max(part.theta.shape[1] for part in parts)
-    grid = np.geomspace(_CYCLES / (samples * T), _HIGHEST / T, 400)
+    grid = np.geomspace(_CYCLES / (samples * T), HIGHEST / T, 400)
     n = variance.size // 2
     octave, torque = np.zeros((2, n, grid.size))
     for part in parts:

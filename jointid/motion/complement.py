@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,11 +40,18 @@ class Waveforms:
     """Those of known size, each (H, c) per unit of their standard deviation."""
     known: np.ndarray
     """Which bins are equations of which joint, shape (H, n)."""
+    in_short_rests: Floats = field(default_factory=lambda: np.zeros(1))
+    """Number of unknown torques that are in rests of few periods of the band, shape (n,)."""
 
     @property
     def count(self) -> int:
         """Number of free waveforms; their rank may be smaller."""
         return sum(each.shape[1] for each in self.free)
+
+    @property
+    def equations(self) -> np.ndarray:
+        """Number of real equations of every joint, shape (n,)."""
+        return np.asarray(2 * self.known.sum(axis=0))
 
     @cached_property
     def basis(self) -> Basis:

@@ -12,6 +12,9 @@ from jointid.phasors.segment import Segment, bins_of
 
 _RESOLVED = 0.5
 """Polynomials of a stretch in addition to its phase at the highest bin, which gives their number."""
+_SHORT = 4.0
+"""Periods of the highest bin below which a stretch is short: its friction hardly follows the drive. Of a
+length L, a band up to F holds 2LF values (Landau and Pollak, Bell System Technical Journal 41, 1962)."""
 _FURTHER = 1
 """Further polynomials, which the highest bin resolves in part."""
 _RESTS = 2
@@ -72,7 +75,14 @@ def _unknown(segment: Segment, slow: list[np.ndarray], moves: np.ndarray) -> Wav
     most = int(2 * _MOST * np.count_nonzero(inside))
     slow = [own[: own.size * moves[j]] for j, own in enumerate(slow)]
     free, bounded = _polynomials(slow, segment.samples, inside, most)
-    return Waveforms(free, bounded, inside[:, None] & moves)
+    periods = [np.diff(own)[:, 0] / segment.samples * H for own in slow]
+    short = [_unknown_torques(own[own < _SHORT]).sum() for own in periods]
+    return Waveforms(free, bounded, inside[:, None] & moves, np.array(short))
+
+
+def _unknown_torques(periods: Floats) -> Floats:
+    """Number of polynomials of stretches of some periods of the highest bin."""
+    return np.ceil(np.pi * periods + _RESOLVED) + _FURTHER
 
 
 def _of_signs(
@@ -148,14 +158,15 @@ def _polynomials(
 
     Of N steps, at the bins ``inside`` the band, (H,). Of degree d, a transform is a spherical Bessel
     function of the phase over half a stretch, which vanishes where d exceeds the phase: few polynomials
-    hold most that H bins resolve of any waveform. The rest, of shorter stretches and of the next
-    degrees, has the standard deviation of a unit that changes its sign anywhere.
+    hold most that H bins resolve of any waveform. In short stretches as many are free as the band holds
+    values. The rest has the standard deviation of a unit that changes its sign anywhere.
     """
     H = inside.size
     stretches = np.concatenate(slow)
     begin, end = stretches.T
     length, joint = end - begin, np.repeat(np.arange(len(slow)), [len(own) for own in slow])
-    count = np.ceil(np.pi * length / N * H + _RESOLVED).astype(int)
+    periods = length / N * H
+    count = np.ceil(np.where(periods < _SHORT, 2, np.pi) * periods + _RESOLVED).astype(int)
     is_free = count > _RESTS
     for j in range(len(slow)):
         longest = np.flatnonzero(joint == j)[np.argsort(-length[joint == j])]
@@ -165,7 +176,7 @@ def _polynomials(
     for steps in np.unique(length).tolist():  # stretches of equal length share their functions
         equal = length == steps
         resolved = int(count[equal][0])
-        shapes, std = _transforms(steps, N, H, resolved + _FURTHER)
+        shapes, std = _transforms(steps, N, H, int(_unknown_torques(periods[equal])[0]))
         for some, first in ((equal & is_free, resolved), (equal & ~is_free, 0)):
             for found, part in ((free, shapes[:first]), (bounded, (std[:, None] * shapes)[first:])):
                 rows = late[some, None] * part

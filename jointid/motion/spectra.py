@@ -14,7 +14,7 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.motion.band import proposed_band
+from jointid.motion.band import HIGHEST, proposed_band
 from jointid.motion.noise import repeated_variances, sensor_variances
 from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.velocity import smooth_velocity
@@ -38,21 +38,22 @@ _EXACT = 1e4
 """Degrees of freedom of a covariance from many samples."""
 
 
-def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
+def motion_phasors(records: Sequence[MotionRecord], M: Floats, widened: float = 1.0) -> Phasors:
     """Phasors of the segments of motion records.
 
     ``M``, shape (r, n), is the rotor inertia of each record, kg·m², to separate the noise of torque and
-    angle. Raises JointIdError when a record's clock is too uneven, or its band is empty.
+    angle. ``widened`` multiplies the highest frequency of bands that the records do not state. Raises
+    JointIdError when a record's clock is too uneven, or its band is empty.
     """
     found = []
     for index, record in enumerate(records):
         name = record.label or f"motion record {index + 1}"
         parts = uniform_parts(record, index, name)
-        band, variance, limits = _band_and_noise(record, parts, M[index])
+        band, least_s, variance, limits = _band_and_noise(record, parts, M[index], widened)
         found += [
             _row(segment, samples, variance, record, name, part.held)
             for part in parts
-            for segment, samples in _segments(part, band, variance, limits, record)
+            for segment, samples in _segments(part, band, least_s, variance, limits, record)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
             chosen, remedy = (
@@ -68,18 +69,21 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats) -> Phasors:
 
 
 def _band_and_noise(
-    record: MotionRecord, parts: list[UniformPart], M: Floats
-) -> tuple[tuple[float, float], Floats, Floats]:
+    record: MotionRecord, parts: list[UniformPart], M: Floats, widened: float
+) -> tuple[tuple[float, float], float, Floats, Floats]:
+    """Band, Hz; least length of a segment, s; and the noise."""
     variances_above = cache(lambda highest_hz: sensor_variances(parts, highest_hz, M))
     if record.band_hz is not None:
-        return record.band_hz, *_noise(parts, *variances_above(record.band_hz[1]))
+        return record.band_hz, _SEGMENT_S, *_noise(parts, *variances_above(record.band_hz[1]))
     variance = variances_above(0.25 / record.interval_s)[0].copy()
     variance[M.size :] = 0.0  # far above the band, noise of the angle exceeds that of the torque
     for _ in range(2):  # the band depends on the noise beyond it, and the reverse
         band = proposed_band(parts, variance)
         variance, _ = variances_above(band[1])
-    band = proposed_band(parts, variance)
-    return band, *_noise(parts, *variances_above(band[1]))
+    lowest, highest = proposed_band(parts, variance)
+    widened = widened if widened * highest < HIGHEST / record.interval_s else 1.0
+    band = lowest, widened * highest
+    return band, _SEGMENT_S / widened, *_noise(parts, *variances_above(band[1]))
 
 
 def _noise(parts: list[UniformPart], variance: Floats, most: Floats) -> tuple[Floats, Floats]:
@@ -95,14 +99,22 @@ def _noise(parts: list[UniformPart], variance: Floats, most: Floats) -> tuple[Fl
 
 
 def _segments(
-    part: UniformPart, band: tuple[float, float], variance: Floats, limits: Floats, record: MotionRecord
+    part: UniformPart,
+    band: tuple[float, float],
+    least_s: float,
+    variance: Floats,
+    limits: Floats,
+    record: MotionRecord,
 ) -> list[tuple[Segment, Floats]]:
-    """Segments of equal length with their samples (2n, N); a fixed band is used to its lowest line."""
+    """Segments of equal length, ``least_s`` or more, with their samples (2n, N).
+
+    A fixed band is used to its lowest line.
+    """
     (n, N), fixed = part.theta.shape, record.band_hz is not None
     samples = np.concatenate([part.theta, part.tau])
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
     duration_s = N * part.interval_s
-    length = max(_SEGMENT_S, _PERIODS / band[1])
+    length = max(least_s, _PERIODS / band[1])
     shorter = max(_MOST_EQUATIONS / (2 * n * band[1]), _CYCLES / band[0], _PERIODS / band[1])
     if n > 2:
         length = min(length, shorter)
