@@ -172,7 +172,7 @@ class ArmSideAnalysis(Answer):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Analysis(Answer):
-    """All results of a study from its motors; ``sensors`` has those from sensors behind the gears."""
+    """All results from the logs of the motors; ``sensors`` has those from sensors behind the gears."""
 
     phasors: Phasors
     """Equations (2)-(4) of the sine records, in their order; no rows without any."""

@@ -165,7 +165,7 @@ def outcome(trial: Trial) -> Outcome:
         text = checked.text()
     except JointIdError as error:
         refused = True
-        found = re.search(r"Set the scale of the motion to ([\d.e+-]+) ", str(error))
+        found = re.search(r"Set the motion scale to ([\d.e+-]+) ", str(error))
         if not found:
             return Outcome(True, f"no scale in: {error}", 0.0)
         checked = trial.points(float(found[1]))

@@ -367,7 +367,7 @@ def test_over_a_limit_nothing_is_written(quantity: str, factor: float) -> None:
     expected = rf"The {name} of joint 1 reaches .* \(record \d \(.* Hz\), [\d.]+ s, .*; its limit is"
     with pytest.raises(JointIdError, match=expected) as refusal:
         set_points(simulated(), tight, "egm").text()
-    scale = float(re.search(r"scale of the motion to ([\d.]+) \(now 1\)", str(refusal.value))[1])
+    scale = float(re.search(r"motion scale to ([\d.]+) \(now 1\)", str(refusal.value))[1])
     assert 0.88 * factor < scale < factor
     smaller = simulate_experiment(experiment(scale=scale), PARALLELOGRAM, PAPER)
     text = set_points(smaller, tight, "egm").text()
@@ -392,7 +392,7 @@ def test_a_position_limit_holds_for_the_motion_around_the_start_pose() -> None:
     assert low.peak < 45 < high.peak
     half = (high.peak - 45) / 2
     tight = replace(WIDE, upper_deg=np.array([170.0, 45 + half]))
-    with pytest.raises(JointIdError, match=r"highest position of joint 2 .* scale of the motion to 0.4"):
+    with pytest.raises(JointIdError, match=r"highest position of joint 2 .* motion scale to 0.4"):
         set_points(simulated(), tight, "ur").text()
     outside = replace(WIDE, upper_deg=np.array([170.0, 44.0]))
     with pytest.raises(JointIdError, match="another start pose"):
@@ -401,7 +401,7 @@ def test_a_position_limit_holds_for_the_motion_around_the_start_pose() -> None:
 
 def test_the_load_at_rest_uses_up_torque() -> None:
     loaded = replace(WIDE, load_Nm=np.array([0.0, -19.9]))
-    with pytest.raises(JointIdError, match=r"torque of joint 2 .* Set the scale of the motion to 0\.\d"):
+    with pytest.raises(JointIdError, match=r"torque of joint 2 .* Set the motion scale to 0\.\d"):
         set_points(simulated(), loaded, "csv").text()
     with pytest.raises(JointIdError, match="check load and friction"):
         set_points(simulated(), replace(WIDE, load_Nm=np.array([0.0, 20.1])), "csv").text()
@@ -557,7 +557,7 @@ def test_the_command_writes_a_checked_file(
     run = CliRunner().invoke(app, [*command, "--scale", "500"])
     assert run.exit_code == 1
     assert run.stdout == ""
-    assert "Set the scale of the motion to" in run.stderr
+    assert "Set the motion scale to" in run.stderr
     assert not output.exists()
     run = CliRunner().invoke(app, [*command, "--json"])
     assert run.exit_code == 0, run.stderr

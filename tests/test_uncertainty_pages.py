@@ -387,9 +387,7 @@ class TestSetPoints:
 
     def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:
         at = self.checked(app, **{"Velocities (°/s)": "0.5"})
-        assert re.search(
-            r"velocity of joint \d reaches .* Set the scale of the motion", at.error[0].value
-        )
+        assert re.search(r"velocity of joint \d reaches .* Set the motion scale", at.error[0].value)
         assert any("✗" in margin for margin in at.table[-1].value["Margin"])
         tab = at.tabs[1]  # the error is above the table, below the button
         place = {part.type: k for k, part in tab.children.items()}

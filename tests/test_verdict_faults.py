@@ -224,7 +224,8 @@ def test_records_can_be_left_out_and_corrected() -> None:
         (1, [1, 90], "A gear ratio, or the unit of the torque, looks wrong for joint 2", "90", []),
         (1, [1 / 8.12, 1 / 2.09], "torque, looks wrong for all", "8.12 and 2.09 N·m", []),
         (1, [1, 3.3], "looks wrong for joint 2", "Wrong M and M2 have the same effect", []),
-        ([1 / DEGREES, 1], [1, 8.12], "1 seems to be in degrees; the scale of joint 2", "8.12", []),
+        ([1 / DEGREES, 1], [1, 8.12],
+         "1 seems to be in degrees; the scale of the position or torque of joint 2", "8.12", []),
     ],
 )  # fmt: skip
 def test_wrong_scales_are_named(

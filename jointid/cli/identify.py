@@ -9,7 +9,17 @@ from jointid import RobotModel
 from jointid.analysis import NOT_USABLE, Analysis, Answer, ArmSideAnalysis
 from jointid.answer import ERROR_BARS, UNSTATED_TORQUE_SCALE, further_quantities, gear_text, model_name
 from jointid.cli.files import answer_file
-from jointid.cli.options import INERTIA_STD, JSON, METHOD, STUDY, TORQUE_STD, UNIT, named, without_none
+from jointid.cli.options import (
+    INERTIA_STD,
+    JSON,
+    METHOD,
+    SENSOR_UNIT,
+    STUDY,
+    TORQUE_STD,
+    UNIT,
+    named,
+    without_none,
+)
 from jointid.cli.output import print_columns, print_json, print_table
 from jointid.uncertainty.answer_tables import error_table, prior_table
 from jointid.wording import plain
@@ -97,7 +107,7 @@ def arm_side(
             "study, [robot_model].",
         ),
     ] = None,
-    unit: Annotated[str, UNIT] = "",
+    unit: Annotated[str, SENSOR_UNIT] = "",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Identify K from sensors behind the gears, at the joint.

@@ -90,6 +90,7 @@ def require_ending(option: str, file: Path, *endings: str) -> None:
         raise typer.BadParameter(f"{option} {file}: expected a name that ends in {expected}.")
 
 
+_AT_JOINT = [unit for unit in STIFFNESS_UNITS if unit.endswith("at the joint")]
 STUDY = typer.Argument(
     parser=named,
     help=f"Study: a folder, a .zip, or the name of a sample: {', '.join(sample_studies())}.",
@@ -109,6 +110,10 @@ INERTIA_STD = typer.Option(
 UNIT = typer.Option(
     help=f"Unit of K, and side of the gear for K and D: {', '.join(STIFFNESS_UNITS)}. At the joint "
     f"only if the study states gear_ratio. Default: {next(iter(STIFFNESS_UNITS))}.",
+    show_default=False,
+)
+SENSOR_UNIT = typer.Option(
+    help=f"Unit of K, which stays at the joint: {', '.join(_AT_JOINT)}. Default: {_AT_JOINT[0]}.",
     show_default=False,
 )
 TORQUE_STD = typer.Option(

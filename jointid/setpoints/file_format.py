@@ -93,7 +93,7 @@ class SetPoints:
 
 def _head(points: SetPoints) -> Iterator[str]:
     robot, simulated, experiment = points.robot, points.simulated, points.simulated.experiment
-    axes, rate_hz = _list(robot.axes), max(1e3 / points.interval_ms, 8 * experiment.highest_hz)
+    axes, rate_hz = _list(robot.axes), max(1e3 / points.interval_ms, 15 * experiment.highest_hz)
     yield from (
         f"jointid {__version__}: set points of an experiment. NOT RUN ON HARDWARE.",
         f"Study: {_one_line(points.study)}. Robot: {_one_line(robot.robot)}.",

@@ -26,7 +26,7 @@ class LimitRow:
     limit: float
     peak: float
     at_rest: float
-    """Its value at rest in the start pose, which does not change with the scale of the motion."""
+    """Its value at rest in the start pose, which does not change with the motion scale."""
     where: str
     """Run, time and signal of the peak."""
 
@@ -112,7 +112,7 @@ def require_within_limits(rows: Sequence[LimitRow], scale: float) -> None:
     if factor > 0:
         place = 10.0 ** (np.floor(np.log10(factor)) - 1)
         smaller = np.floor(factor / place) * place
-        remedy = f"Set the scale of the motion to {smaller:.3g} (now {scale:g})."
+        remedy = f"Set the motion scale to {smaller:.3g} (now {scale:g})."
     else:
         remedy = "The motion is not the cause: choose another start pose, or check load and friction."
     raise JointIdError(

@@ -22,7 +22,7 @@ class Controller:
     """Sampled, decentralised position and velocity control, with torque feedforward.
 
     With the reference r, the encoder position y and the control interval T, sample k commands
-    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference from the last sample.
+    τ = kp (r − y) + kv (Δr − Δy)/T + (M + M2) r̈, where Δ is the difference from sample k − 1.
     The defaults kp = J ω², kv = 2ζ J ω are those of the rigid joint, J = J_m + J_a and ω = 2π bandwidth.
     Raises JointIdError when a value is out of range.
     """
@@ -129,10 +129,10 @@ class Excitation:
 
 @dataclass(frozen=True, eq=False)
 class MotorFriction:
-    """Friction at each motor, (F_c + μ|τ|) sign(θ̇) + F_v θ̇, with the torque τ through its gear.
+    """Friction at each motor, (F_c + μ|g|) sign(θ̇) + F_v θ̇, with the torque g through its gear.
 
     Viscous friction at the arm is added. A motor at rest stays there until the other torques on it
-    exceed F_c + μ|τ|. Raises JointIdError when a value is negative or the step is not positive.
+    exceed F_c + μ|g|. Raises JointIdError when a value is negative or the step is not positive.
     """
 
     coulomb: PerJoint = 0.0

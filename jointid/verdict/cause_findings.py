@@ -87,7 +87,7 @@ def finding_of(
         values = f"{_values(factor[joints])} times {_EXPECTED}"
         is_ = f"{capitalised(whose)}: torque over acceleration is {values}."
         if cause is None:
-            titles.append(f"the scale of {whose} looks wrong")
+            titles.append(f"the scale of the position or torque of {whose} looks wrong")
             details.append(is_)
             remedies.append(_unknown_remedy(factor, joints))
             continue

@@ -163,7 +163,7 @@ def arm_side_findings(
     if known.any():
         worst = int(np.nanargmax(np.where(known, error / K, np.nan)))
         detail = (
-            f"Its largest relative error is {percent(error[worst] / K[worst])}, of joint {worst + 1}."
+            f"The largest relative error is {percent(error[worst] / K[worst])}, of joint {worst + 1}."
         )
         if np.isfinite(left_out_rad).any():
             ends = [end(left_out_rad) * _ARC_SECONDS for end in (np.nanmin, np.nanmax)]

@@ -167,14 +167,16 @@ def half_a_sample(evidence: Evidence) -> tuple[str, list[Change]]:
         if delayed or {"delay", "lag"} & alternatives(evidence.fit, name).keys():
             lag = lag + sign * p.effect(name)
     samples = np.atleast_1d(lag) / float(np.median([r.interval_s for r in evidence.records]))
+    filtered = any(np.any(p.effect(name)) for name in ("torque_filter", "position_filter"))
+    whose = "With lag and filter together, the" if delayed and filtered else "The"
     if not any(held) and np.all(np.abs(samples - 0.5) < 0.1):
         return (
-            "The torque lags by half a sample. If the controller holds the torque from one sample to "
-            "the next, set torque held on import, or torque_hold = true in study.toml."
+            f"{whose} torque lags by half a sample. If the controller holds the torque from one "
+            "sample to the next, set torque held on import, or torque_hold = true in study.toml."
         ), [Change("hold", values=(1.0,))]
     if all(held) and np.all(np.abs(samples + 0.5) < 0.1):
         return (
-            "The torque leads by half a sample, so it is probably not held. Set torque not held on "
+            f"{whose} torque leads by half a sample, so it is probably not held. Set torque not held on "
             "import, or torque_hold = false in study.toml."
         ), [Change("hold", values=(0.0,))]
     return "", []

@@ -160,7 +160,8 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         "The inertias look wrong" if row.unit else "The torque scales or inertias look wrong",
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
-        "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
+        ("" if row.unit else "Check rated torques and torque constants. ")
+        + "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",

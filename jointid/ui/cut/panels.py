@@ -207,9 +207,10 @@ def show_assumptions() -> None:
         "encoders; the sizes of the zones (1, 5 and 10 mm) and how a corner is rounded; an "
         "acceleration of at most 15 m/s² and ramps of at least 50 ms; which parameters were "
         "non-optimal.\n\n"
-        "**Both robots are simulated.** Before identification, the robot has the identified K and D, "
-        "the best estimate of the real ones. The blue path is that of the robot at the 95th percentile "
-        "of the path error. Errors of the inertias act through K and D; links are rigid."
+        "**Both robots are simulated.** In the cut before identification, the robot has the identified "
+        "K and D, the best estimate of the real ones; its servo assumes other values. The blue path is "
+        "that of the robot at the 95th percentile of the path error. Errors of the inertias act through "
+        "K and D; links are rigid."
     )
 
 

@@ -55,7 +55,7 @@ _DRIVES: dict[str, Drive | None] = {
 _HINT = (
     "K and D in the servo before the identification. Nominal: those that the study states. Rigid: no "
     "compensation of the deflection. 0.4 K and 3 K: the identified stiffnesses times 0.4 or 3. "
-    "The paper does not state its non-optimal parameters; these are our choice."
+    "The paper does not state its non-optimal parameters; these factors are assumed."
 )
 
 
