@@ -6,6 +6,7 @@ import streamlit as st
 
 from jointid import Analysis
 from jointid.figures import model_over_measurement
+from jointid.ui.cut.cached_cuts import begin_overview
 from jointid.ui.cut.panels import outcome_panel
 from jointid.ui.shared.messages import show_info
 from jointid.ui.shared.page import open_page
@@ -19,6 +20,7 @@ overview.show_changes(page)
 analysis = page.answer(ask=partial(ask_for_robot, page))
 
 if isinstance(analysis, Analysis):
+    begin_overview(page, analysis)  # while the lines above them are shown
     overview.show_headline(analysis, page)
     overview.show_tiles(analysis)
     show_prediction(page, analysis)

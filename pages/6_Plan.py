@@ -29,6 +29,7 @@ try:
 except JointIdError as error:
     show_error(error)
     st.stop()
+own_plan_form.begin_model(page, analysis, settings.pose)
 found = plan_form.suggestion(page, settings, analysis)
 if found is None:
     st.stop()

@@ -7,6 +7,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from streamlit.testing.v1 import AppTest
 from jointid import Inertia, Study
 from jointid.files.study_files import pack_study
 from jointid.ui.shared import charts, workspace
+from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import Computation
 from jointid.wording import unbroken
 
@@ -143,6 +145,24 @@ class TestTheWayThrough:
         assert at.get("plotly_chart")[0].proto.spec != first
         at = shown(at.selectbox(key="study").set_value("one joint").run())
         assert at.selectbox(key="record").value in range(6)
+
+    def test_a_record_and_the_cross_check_wait_for_no_worker(
+        self, app: AppTest, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """They take milliseconds; a worker may be busy for a second with a cut of somebody else."""
+        begun: list[Any] = []
+        begin = Page.begin
+
+        def noted(page: Page, what: Any, *given: Any, **named: Any) -> Any:
+            begun.append(what)
+            return begin(page, what, *given, **named)
+
+        monkeypatch.setattr(Page, "begin", noted)
+        at = shown(app.run())
+        assert any("Cross-check" in caption.value for caption in at.caption)
+        shown(at.switch_page("pages/1_Records.py").run())
+        named = {what if isinstance(what, str) else f"{what[0]} of a cut" for what in begun}
+        assert named == {"analysis", "before of a cut", "prediction of a cut"}
 
     @pytest.mark.parametrize("view", RECORD_VIEWS)
     def test_every_view_of_a_record_has_a_figure_per_joint(self, app: AppTest, view: str) -> None:

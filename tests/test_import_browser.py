@@ -213,3 +213,24 @@ def drop_first_run(page: Page) -> None:
         page.mouse.click(box["x"] + 77, box["y"] + 52)
     left_out = page.locator(".js-plotly-plot .legendtext", has_text="left out")
     expect(left_out).to_be_visible()
+
+
+def test_disabled_buttons_can_be_read_beside_their_reason(
+    log: Log, shared: Server, context: BrowserContext
+) -> None:
+    page = new_page(context)
+    page.goto(f"{shared.address}/Import_a_log", wait_until="commit")
+    finished(page, "Import a log")
+    file = {"name": "cell.csv", "mimeType": "text/csv", "buffer": as_csv(log, RATIOS, RATED_NM)}
+    with answered(page):
+        page.get_by_test_id("stMain").locator("input[type=file]").first.set_input_files(file)
+    with answered(page):
+        page.get_by_role("textbox", name="Gear ratios").fill("abc")
+        page.keyboard.press("Enter")
+    page.locator("summary", has_text="5 Inertias").click()
+    button = page.get_by_role("button", name="Open as study")
+    expect(button).to_be_disabled()
+    expect(page.get_by_text('Step 3, Gear ratios: "abc" is not a number.')).to_be_visible()
+    white = "rgb(255, 255, 255)"  # on the primary colour, which a disabled button does not have
+    assert button.locator("p").evaluate("e => getComputedStyle(e).color") != white
+    page.close()

@@ -118,6 +118,13 @@ def send(at: AppTest, M: str, M2: str, button: str = "Open as study") -> AppTest
     return shown(at.run())
 
 
+def stops_opening(at: AppTest) -> str:
+    """The sentence at the buttons, which are disabled."""
+    assert widget(at, "button", "Open as study").disabled
+    assert widget(at, "button", "Open its report").disabled
+    return str(at.error[-1].value)
+
+
 def test_what_the_reader_left_out_is_stated_once(page: AppTest) -> None:
     at = drop(page, ("log.csv", b"Cell 2, run of Monday\n" + long_log()))
     assert sum("Lines above the table" in caption.value for caption in at.caption) == 1
@@ -469,6 +476,58 @@ class TestStudy:
         assert said in at.error[0].value
         assert at.text_input(key="import M2").value == M2
         assert figures(at) == 2
+
+    @pytest.mark.parametrize(
+        ("label", "text", "good"),
+        [("Gear ratios", "abc", "50"), ("Gear ratios", "50, 80", "50"), ("Torque constant", "0", "0.3")],
+    )
+    def test_a_wrong_number_of_the_drive_stops_opening_until_it_is_corrected(
+        self, page: AppTest, seen: list[Any], label: str, text: str, good: str
+    ) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        widget(at, "selectbox", "Unit of torque 1").set_value("A")
+        at.text_input(key="import M").set_value("0.001")
+        at.text_input(key="import M2").set_value("0.003")
+        widget(shown(at.run()), "text_input", label).set_value(text)
+        at = shown(at.run())
+        assert stops_opening(at).startswith(f"Step 3, {label}")
+        assert head(at, "3 Drive data") == "to correct"
+        assert widget(at, "text_input", label).value == text
+        assert at.text_input(key="import M").value == "0.001"
+        widget(at, "text_input", label).set_value(good)
+        at = send(shown(at.run()), "0.001", "0.003")
+        assert "enough seen" in at.error[0].value
+        assert len(seen) == 1
+
+    def test_a_wrong_number_stops_opening_also_while_another_log_is_shown(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()), ("cell.csv", cell_log()))
+        widget(at, "text_input", "Gear ratios").set_value("abc")
+        at = shown(at.run())
+        look = at.selectbox(key="import look")
+        at = shown(look.set_value(look.options[1]).run())
+        assert stops_opening(at).startswith("one.csv: Step 3, Gear ratios")
+
+    def test_a_wrong_run_stops_opening(self, page: AppTest) -> None:
+        drop(page, ("one.csv", long_log()))
+        at = shown(page.switch_page("pages/1_Records.py").run())
+        (rows,) = at.session_state["import_segments_last"].values()
+        rows[0] = replace(rows[0], found=None, frequency_hz=-1.0)
+        at = shown(at.switch_page(PAGE).run())
+        assert stops_opening(at).startswith("Step 4, Runs: 0.5")
+        assert "a frequency of -1 Hz" in stops_opening(at)
+
+    def test_a_log_that_lacks_a_column_stops_opening(self, page: AppTest) -> None:
+        other = comma_log().replace(b"t,position,effort", b"t,velocity,abc")
+        at = drop(page, ("one.csv", long_log()), ("run.csv", other))
+        assert "run.csv" in stops_opening(at)
+
+    def test_a_number_of_joints_beyond_the_limit_is_to_correct(self, page: AppTest) -> None:
+        at = drop(page, ("one.csv", long_log()))
+        widget(at, "number_input", "Joints").set_value(99)
+        at = shown(at.run())
+        assert at.error[0].value.startswith("Joints: 99 is not between 1 and 20")
+        assert head(at, "2 Columns") == "to correct"
+        assert not [button for button in at.button if button.label == "Open as study"]
 
     @pytest.mark.parametrize("data", [b"", b"\x00\x01\x02", b"hello", b"a,b\nx,y\n", b"PAR1"])
     def test_a_file_that_is_no_log_is_reported_and_the_others_open(

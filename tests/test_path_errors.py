@@ -12,6 +12,7 @@ from jointid.cut.arm import PlanarArm
 from jointid.cut.path_errors import errors_of_mismatch, path_error_distribution
 from jointid.cut.rectangle import rectangle
 from jointid.cut.servo import Servo
+from jointid.cut.toolpath import Toolpath
 from jointid.cut.tracking import track
 from jointid.errors import JointIdError
 from jointid.gears.gear import Gear
@@ -64,6 +65,19 @@ def test_the_largest_contour_error_is_that_of_all_instants(lag, zone) -> None:
     tool = path.position(time - lag)[:, None] + across
     largest = path_errors._largest_contour_error(path, tool, path.position(time))
     assert np.array_equal(largest, path.distance(tool).max(axis=0))
+
+
+def test_few_instants_of_a_cut_need_their_nearest_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tool lags behind its reference: the tracking error alone would leave most of them."""
+    points = []
+    distance = Toolpath.distance
+    monkeypatch.setattr(
+        Toolpath, "distance", lambda path, at: points.append(len(at)) or distance(path, at)
+    )
+    path, runs = rectangle(zone_m=0.005), 20
+    errors_of_mismatch(PlanarArm.example(), path, TRUE, np.ones((2, runs)), servo=REAL)
+    coarse, close = points[0] * runs, points[1]
+    assert coarse + close < 0.1 * runs * path.end_s * REAL.sample_rate_hz
 
 
 def test_the_error_grows_with_the_mismatch_of_either_joint() -> None:

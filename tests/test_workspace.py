@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -35,6 +36,22 @@ def address_of(at: AppTest) -> dict[str, str]:
     address = {name: v if isinstance(v, str) else v[0] for name, v in values.items()}
     assert [len(value) for value in address.values()] == [32, 32]
     return address
+
+
+def test_the_samples_are_listed_once_until_the_folder_changes(
+    tmp_path: Path, sample_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page asks for them some forty times."""
+    here = shutil.copytree(sample_folder, tmp_path / "samples")
+    listed = []
+    real = workspace.sample_studies
+    monkeypatch.setattr(workspace, "sample_studies", lambda of: listed.append(of) or real(of))
+    monkeypatch.setattr(workspace, "SAMPLES", here)
+    begun()
+    assert listed == [here]
+    assert "one more" not in workspace.sample_paths()
+    shutil.copy(here / "paper.zip", here / "one_more.zip")
+    assert "one more" in workspace.sample_paths()
 
 
 def test_a_sample_needs_no_workspace(folder: Path) -> None:

@@ -180,13 +180,23 @@ def _largest_errors(
 def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats) -> Floats:
     """Largest contour error of each run, (runs,), of tools (k, runs, 2) with the reference (k, 2).
 
-    No contour error exceeds the tracking error. A coarse sample of instants gives a lower bound of the
-    largest; only instants with a larger tracking error need their nearest point of the path.
+    No contour error exceeds the distance from any point of the path, such as the reference at the time
+    at which the tool is beside it. A coarse sample of instants gives a lower bound of the largest; only
+    instants with a larger upper bound need their nearest point of the path.
     """
+    along = np.gradient(reference, axis=0)
+    steps2 = np.einsum("kc,kc->k", along, along)
+    rate = along / np.where(steps2 > 0, steps2, 1.0)[:, None]
+    beside = np.einsum("krc,kc->kr", tool - reference[:, None], rate)
+    beside += np.arange(len(tool))[:, None]
+    np.clip(beside, 0, len(tool) - 1, out=beside)
+    before = np.minimum(beside.astype(np.intp), len(tool) - 2)
+    share = (beside - before)[..., None]
+    off = tool - reference[before] - share * np.diff(reference, axis=0)[before]
+    bound = np.sqrt(np.einsum("krc,krc->kr", off, off))
+    bound += np.abs(np.diff(reference, 2, axis=0)).max() / 4  # twice its sag between two samples
     largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
-    tracking = tool - reference[:, None]
-    candidates = np.einsum("krc,krc->kr", tracking, tracking) > largest**2
-    candidates[::_STRIDE] = False
+    candidates = bound > largest
     _, run = np.nonzero(candidates)
     np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
     return largest

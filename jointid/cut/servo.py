@@ -133,20 +133,23 @@ def run_servo(
     gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
     kp, kv, count, limit = (x[:, None] for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
+    differentiated, interval = plan.servo.differentiated_velocity, plan.servo.interval_s
     waiting = deque([np.zeros_like(kp)] * plan.servo.delay_samples)
     old = past = np.zeros_like(kp)
     held: list[Floats] = []
     report = max(1, len(feed) // PROGRESS_CALLS)
     for k, feedforward in enumerate(feed):
-        y, speed = plant.motor, plant.motor_rate
+        y = plant.motor
         if k % report == 0:
             require_tracking(y - angle[k])
             if progress is not None:
                 progress(k / len(feed))
         if quantised:
             y = count * np.rint(y / count)
-        if plan.servo.differentiated_velocity:
-            speed, past = (y - (past if k else y)) / plan.servo.interval_s, y
+        if differentiated:
+            speed, past = (y - (past if k else y)) / interval, y
+        else:
+            speed = plant.motor_rate
         waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
         new = feedforward + waiting.popleft()
         if limited:

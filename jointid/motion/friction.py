@@ -290,8 +290,9 @@ def _slow(velocity: Floats, threshold: float) -> list[tuple[int, int, float, flo
     """Last sample before each slow stretch, samples to the first after it, and the signs at both."""
     slides = np.flatnonzero(np.abs(velocity) > threshold)
     before, length = np.sign(velocity[slides]), np.diff(slides, append=slides[:1] + GRID)
-    stretches = zip(slides, length, before, np.roll(before, -1), strict=True)
-    return [(int(k), int(n), float(b), float(a)) for k, n, b, a in stretches if n > 1 or b != a]
+    after = np.roll(before, -1)
+    slow = (length > 1) | (before != after)
+    return list(zip(*(each[slow].tolist() for each in (slides, length, before, after)), strict=True))
 
 
 @lru_cache(maxsize=128)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import TypeVar
@@ -29,12 +30,17 @@ def outcome(page: Page, settings: CutSettings, analysis: Analysis) -> Outcome:
 
     A new nominal controller recomputes the cut before, a new zone both; the rest is kept.
     """
-    robot = cut_robot(analysis, settings.drive)
-    assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
-    before = _before(page, settings, robot, assumed)
-    prediction = _after(page, settings, robot)
+    robot, assumed, before, prediction = _begun(page, settings, analysis)
     awaited("Simulating the cut", before, prediction)
     return Outcome(robot, settings.toolpath, assumed, before.result(), *prediction.result())
+
+
+def _begun(
+    page: Page, settings: CutSettings, analysis: Analysis
+) -> tuple[CutRobot, Elasticity | None, Future[TrackingRun], Future[Prediction]]:
+    robot = cut_robot(analysis, settings.drive)
+    assumed = assumed_elasticity(robot, settings.assumption, settings.custom)
+    return robot, assumed, _before(page, settings, robot, assumed), _after(page, settings, robot)
 
 
 def pairs(page: Page, settings: CutSettings, outcome: Outcome) -> Pairs:
@@ -102,6 +108,14 @@ def _begin(
         return refused
     options = {"servo": settings.servo, "friction": settings.friction}
     return page.begin((what, settings), compute, who, path, *springs, **options)
+
+
+def begin_overview(page: Page, analysis: Analysis) -> None:
+    """Begin the cuts of ``overview``, which shows what prevents them."""
+    with suppress(JointIdError):
+        robot = cut_robot(analysis)
+        if robot.rule != "demonstration":
+            _begun(page, usual(robot), analysis)
 
 
 def overview(page: Page, analysis: Analysis) -> Outcome | None:

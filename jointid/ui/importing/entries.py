@@ -16,7 +16,7 @@ from jointid.importing.map.guess import guess_unit, propose_joint
 from jointid.importing.map.mapping import ARM, JOINT, MAX_JOINTS, MOTOR
 from jointid.importing.map.reasons import Reason, grouped, of_joints, unchanged, value_of
 from jointid.ui.importing.steps import go_on
-from jointid.ui.shared.entries import enter_text, numbers_in
+from jointid.ui.shared.entries import enter_number, enter_text, numbers_in
 from jointid.ui.shared.messages import markdown_escape, show_error
 from jointid.wording import capitalised, plain
 
@@ -50,6 +50,8 @@ class Asked:
     """Whether guesses of this step are unconfirmed."""
     gear_ratio: tuple[float, ...] | None = None
     """Gear ratios, if all are given."""
+    problems: tuple[str, ...] = ()
+    """Entries that cannot be used, each named and shown where it is entered."""
 
 
 class Entries:
@@ -61,7 +63,7 @@ class Entries:
         self.table, self.guess, self.base, self.key = table, guess, base, key
         self._reasons = {reason.what: reason for reason in guess.reasons}
         self._follows: dict[str, str] = {}  # guessed units of columns that the user chose
-        self._is_wrong = False  # an entry is no number, and its error is shown
+        self._problems: list[str] = []  # entries that are no numbers, with their errors shown
 
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
@@ -138,14 +140,15 @@ class Entries:
         digest = blake2b(text.encode(), digest_size=8).hexdigest()
         key = f"import confirmed {step} {self.key}"
         # Clicked, with entries typed just before it; a wrong one is never confirmed as unknown.
-        if st.session_state.get(f"go_on {step}") and not self._is_wrong:
+        if st.session_state.get(f"go_on {step}") and not self._problems:
             st.session_state[key] = digest
         open_ = () if st.session_state.get(key) == digest else (*guesses, *missing)
         self._show_reasons([what for what in guesses if what in open_])
         if open_ and not (missing and step == "columns"):
             st.button(f"Confirm the {step}", type="primary", key=f"go_on {step}", on_click=go_on)
         assumed = tuple(dict.fromkeys((*missing, *open_)))
-        return Asked(replace(found, assumed=assumed), tuple(missing), bool(open_) or self._is_wrong)
+        to_confirm, problems = bool(open_ or self._problems), tuple(self._problems)
+        return Asked(replace(found, assumed=assumed), tuple(missing), to_confirm, problems=problems)
 
     def _time(self, missing: list[str]) -> tuple[importing.TimeColumn, int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
@@ -158,9 +161,9 @@ class Entries:
         rate = None
         if unit == SAMPLES:
             label, first_rate = "Samples per second (Hz)", base.rate_hz or 1000.0
-            rate = three.number_input(label, 0.0, value=first_rate, format="%g", **self._kept("rate"))
-        joints = four.number_input("Joints", 1, MAX_JOINTS, self.base.n, **self._kept("joints"))
-        return importing.TimeColumn("" if column == _NO_COLUMN else column, unit, rate), int(joints)
+            rate = enter_number(three, f"import rate {self.key}", label, first_rate, (0.0, math.inf))
+        joints = enter_number(four, f"import joints {self.key}", "Joints", self.base.n, (1, MAX_JOINTS))
+        return importing.TimeColumn("" if column == _NO_COLUMN else column, unit, rate), joints
 
     def _columns_of(
         self, j: int, first: importing.JointMapping, missing: list[str]
@@ -291,7 +294,7 @@ class Entries:
                 raise JointIdError(f"{label}: {text[:60]}. Give finite values other than 0.")
         except JointIdError as error:
             show_error(error)
-            values, self._is_wrong = (), True
+            values, self._problems = (), [*self._problems, str(error)]
         return dict.fromkeys(joints, math.nan) | dict(zip(joints, values, strict=False))
 
     def _assumed(self, n: int) -> tuple[str, ...]:

@@ -1,5 +1,6 @@
 """The mapping step: the guessed role of each column, with reasons, open to correction."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -18,6 +19,7 @@ from jointid.wording import capitalised
 _SAVED = "import_mappings"
 _BASE = "import_base"
 _FIRST = "import_first_log"
+_WRONG = "import_wrong_entries"
 _VERSION = "import version"
 _PART = "mappings"
 _MOST_KNOWN = 50
@@ -45,6 +47,21 @@ def remember(table: importing.LogTable, mapping: importing.Mapping) -> None:
     st.session_state.setdefault(_SAVED, {})[table.signature] = mapping
 
 
+def remember_problems(table: importing.LogTable, problems: Sequence[str]) -> None:
+    """Remember which entries for logs with these columns cannot be used.
+
+    The mapping of these columns has earlier values, or placeholders, in their place.
+    """
+    st.session_state.setdefault(_WRONG, {})[table.signature] = [*problems]
+
+
+def problems_of(tables: Iterable[importing.LogTable], shown: importing.LogTable) -> list[str]:
+    """Return what ``remember_problems`` has for these logs; columns not shown are named by a log."""
+    wrong: dict[str, list[str]] = st.session_state.get(_WRONG, {})
+    of = {table.signature: f"{table.name}: " for table in tables} | {shown.signature: ""}
+    return [f"{name}{problem}" for key, name in of.items() for problem in wrong.get(key, [])]
+
+
 def keep_mapping(table: importing.LogTable, mapping: importing.Mapping) -> None:
     """Offer a mapping that a study was made with in later sessions of this workspace, too."""
     with noting_problems("The mapping is kept in this session only. "):
@@ -70,7 +87,7 @@ def mappings_to_json() -> dict[str, Any]:
         key: {k: importing.mapping_to_json(m) for k, m in st.session_state.get(key, {}).items() if m}
         for key in (_SAVED, _BASE)
     }
-    return parts | {_FIRST: dict(st.session_state.get(_FIRST, {}))}
+    return parts | {key: dict(st.session_state.get(key, {})) for key in (_FIRST, _WRONG)}
 
 
 def mappings_from_json(values: dict[str, Any]) -> None:
@@ -81,6 +98,7 @@ def mappings_from_json(values: dict[str, Any]) -> None:
     for key in (_SAVED, _BASE):
         st.session_state[key] = {k: importing.mapping_from_json(text) for k, text in values[key].items()}
     st.session_state[_FIRST] = dict(values[_FIRST])
+    st.session_state[_WRONG] = dict(values.get(_WRONG, {}))  # earlier versions wrote none
 
 
 def entries_of(key: str, table: importing.LogTable) -> tuple[Entries, bool]:

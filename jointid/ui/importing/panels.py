@@ -29,8 +29,10 @@ from jointid.ui.importing.mapping import (
     mapping_files,
     mapping_of,
     offer_fresh_guess,
+    problems_of,
     proposed_columns,
     remember,
+    remember_problems,
     show_guesses,
 )
 from jointid.ui.importing.saved_import import (
@@ -41,7 +43,7 @@ from jointid.ui.importing.saved_import import (
     show_storage_state,
 )
 from jointid.ui.importing.segments import chosen_segments, edit_segments, found_in, settle
-from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, Steps, go_on
+from jointid.ui.importing.steps import COLUMNS, DRIVES, INERTIAS, LOGS, RUNS, STEPS, Steps, go_on
 from jointid.ui.importing.study import ask_robot
 from jointid.ui.importing.watched_work import StoppedError, Watch
 from jointid.ui.shared.charts import is_dark, plot
@@ -64,8 +66,8 @@ class Runs:
 
     logs: dict[str, MappedLog]
     used: dict[str, list[Segment]]
-    has_problems: bool
-    """Whether a row of the table is unusable."""
+    problems: tuple[str, ...]
+    """Rows of the table that cannot be used, and logs without a usable mapping."""
 
 
 def import_steps(progress: DeltaGenerator) -> None:
@@ -84,12 +86,15 @@ def import_steps(progress: DeltaGenerator) -> None:
         steps.tell(LOGS, log is not None, names)
     columns = drives = runs = None
     clicked = False
+    wrong: list[str] = []
     with steps.step(COLUMNS):
         if log is not None:
-            columns = _map_columns(steps, log)
+            columns = _map_columns(steps, log, wrong)
     with steps.step(DRIVES):
         if log is not None and columns is not None:
-            drives = _map_drives(steps, log, columns)
+            drives = _map_drives(steps, log, columns, wrong)
+    if log is not None:
+        remember_problems(log.table, wrong)
     with steps.step(RUNS):
         if log is not None and columns is not None and drives is not None:
             # Entries that are not confirmed start no new search.
@@ -97,24 +102,26 @@ def import_steps(progress: DeltaGenerator) -> None:
             runs = _choose_runs(logs, log, drives.mapping, searched, progress)
             used = [] if runs is None else [s for part in runs.used.values() for s in part]
             behind = runs is not None and any(each.arm_rad is not None for each in runs.logs.values())
-            ready = bool(used) and runs is not None and not runs.has_problems
+            ready = bool(used) and runs is not None and not runs.problems
             steps.tell(RUNS, ready, _runs_in_words(used, behind))
             if ready:
                 st.button("Continue", type="primary", key=f"go_on {RUNS}", on_click=go_on)
     with steps.step(INERTIAS):
         if log is not None and drives is not None and runs is not None:
-            clicked = _open_as_study(steps, log, drives.mapping, runs, drives.gear_ratio)
+            problems = [*problems_of((each.table for each in logs), log.table), *runs.problems]
+            clicked = _open_as_study(steps, log, drives, runs, problems)
     steps.finish(clicked=clicked)
 
 
-def _map_columns(steps: Steps, log: Log) -> Mapping | None:
-    """Show a log and its columns; return them once they are complete."""
+def _map_columns(steps: Steps, log: Log, wrong: list[str]) -> Mapping | None:
+    """Show a log and its columns; return them once they are complete, and add what is wrong."""
     entries, _ = entries_of(log.key, log.table)
     try:
         asked = entries.ask_columns()
         steps.tell(COLUMNS, not (asked.missing or asked.to_confirm), _columns_in_words(asked))
     except JointIdError as error:
         show_error(error)
+        wrong.append(_in_step(COLUMNS, error))
         steps.tell(COLUMNS, False, "to correct")
         asked = None
     with st.container(horizontal=True):
@@ -124,8 +131,13 @@ def _map_columns(steps: Steps, log: Log) -> Mapping | None:
     return None if asked is None or asked.missing else asked.mapping
 
 
-def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
-    """Return the whole mapping with its missing entries."""
+def _in_step(name: str, problem: object) -> str:
+    """Say where a problem is that is shown in another step."""
+    return f"Step {STEPS.index(name) + 1}, {problem}"
+
+
+def _map_drives(steps: Steps, log: Log, columns: Mapping, wrong: list[str]) -> Asked | None:
+    """Return the whole mapping with its missing entries, and add what is wrong."""
     entries, again = entries_of(log.key, log.table)
     if again:
         offer_fresh_guess(log.key, log.table)
@@ -134,8 +146,10 @@ def _map_drives(steps: Steps, log: Log, columns: Mapping) -> Asked | None:
         asked = entries.ask_drives(columns)
     except JointIdError as error:
         show_error(error)
+        wrong.append(_in_step(DRIVES, error))
         steps.tell(DRIVES, False, "to correct")
         return None
+    wrong += [_in_step(DRIVES, problem) for problem in asked.problems]
     mapping = replace(asked.mapping, assumed=(*columns.assumed, *asked.mapping.assumed))
     remember(log.table, mapping)
     steps.tell(DRIVES, not asked.to_confirm, _drives_in_words(asked))
@@ -149,6 +163,7 @@ def _choose_runs(
     ready: dict[str, MappedLog] = {}
     rules: dict[str, str] = {}
     searches: dict[str, tuple[str, MappedLog]] = {}
+    unmapped: list[str] = []
     for log in logs:
         try:
             own = (
@@ -161,6 +176,7 @@ def _choose_runs(
             searches[log.key] = _mapped(log, replace(by, torque_hold=False, torque_delay_s=0.0))
         except JointIdError as error:
             show_error(error)
+            unmapped.append(str(error))
     if not ready:
         return None
     reading = {note for log in logs for note in log.table.notes}  # shown with the columns
@@ -181,7 +197,8 @@ def _choose_runs(
             figure = partial(log_spans, ready[shown.key], *spans, mapping=mapping, dark=is_dark())
             what = f"spans {shown.key} {mapping} {spans} {is_dark()}"
             plot(once(what, figure), "The log, motor side, with its sine runs as coloured spans")
-    return Runs(ready, kept, bool(problems))
+    wrong = (_in_step(RUNS, f"Runs: {problem}") for problem in problems)
+    return Runs(ready, kept, (*unmapped, *wrong))
 
 
 def _mapped(log: Log, mapping: Mapping) -> tuple[str, MappedLog]:
@@ -224,22 +241,25 @@ def _runs_in_words(used: Sequence[Segment], behind: bool) -> str:
     return f"{run_counts(used)}, {band}"
 
 
-def _open_as_study(
-    steps: Steps, log: Log, mapping: Mapping, runs: Runs, gear_ratio: tuple[float, ...] | None
-) -> bool:
-    """Ask for the robot; once it is complete, keep the study and switch to it. Return the click."""
+def _open_as_study(steps: Steps, log: Log, drives: Asked, runs: Runs, problems: Sequence[str]) -> bool:
+    """Ask for the robot; once it is complete, keep the study and switch to it. Return the click.
+
+    ``problems`` are those of the other steps.
+    """
+    mapping = drives.mapping
     ratios = [joint.gear_ratio for joint in mapping.joints]
     assumed = assumptions(mapping)
     try:
-        robot, state, clicked = ask_robot(ratios, [each.name for each in runs.logs.values()], assumed)
+        names = [each.name for each in runs.logs.values()]
+        robot, state, clicked = ask_robot(ratios, names, assumed, problems)
         steps.tell(INERTIAS, state.startswith("M"), state)
-        if robot is None or runs.has_problems:
+        if robot is None:
             return bool(clicked)
         with st.spinner("Extracting the records"):
             study = study_from_logs(
                 list(runs.logs.values()),
                 [runs.used[key] for key in runs.logs],
-                gear_ratio=gear_ratio,
+                gear_ratio=drives.gear_ratio,
                 assumed=assumed,
                 **robot,
             )
@@ -267,6 +287,8 @@ def _columns_in_words(asked: Asked) -> str:
 def _drives_in_words(asked: Asked) -> str:
     """Content of the drive step, or its missing entries."""
     m = asked.mapping
+    if asked.problems:
+        return "to correct"
     if asked.to_confirm and asked.missing:
         kinds = dict.fromkeys(_KINDS[what.partition(" of ")[0]] for what in asked.missing)
         return f"missing: {', '.join(kinds)}"

@@ -35,11 +35,15 @@ _FACTS = {
 
 
 def ask_robot(
-    gear_ratios: Sequence[float], logs: Sequence[str], assumed: Sequence[str] = ()
+    gear_ratios: Sequence[float],
+    logs: Sequence[str],
+    assumed: Sequence[str] = (),
+    elsewhere: Sequence[str] = (),
 ) -> tuple[dict[str, Any] | None, str, str]:
     """Ask for inertias and a name, for logs by their names and gear ratios by joint, and show them.
 
-    ``assumed`` is the unconfirmed part of the mapping, shown at the buttons. Returns the robot as
+    ``assumed`` is the unconfirmed part of the mapping, shown at the buttons; ``elsewhere`` are wrong
+    entries of other steps, which disable the buttons. Returns the robot as
     arguments of ``study_from_logs``, None until a button is clicked and everything is given; a text of
     the given entries, which begins with M, or of the missing ones; and "study", "report" or "" for the
     button.
@@ -69,8 +73,12 @@ def ask_robot(
         persist_state="session",
     )
     # The buttons are above everything of variable height, so that they never move under a click.
-    clicked = "study" if middle.button("Open as study", type="primary", width="stretch") else ""
-    clicked = "report" if right.button("Open its report", width="stretch") else clicked
+    # A wrong entry of this step leaves them enabled: it is often corrected by the same click.
+    about: dict[str, Any] = {"width": "stretch", "disabled": bool(elsewhere)}
+    clicked = "study" if middle.button("Open as study", type="primary", **about) else ""
+    clicked = "report" if right.button("Open its report", **about) else clicked
+    if elsewhere:
+        show_error("\n".join(elsewhere))
     if assumed:
         st.markdown(
             f":orange-badge[Assumed] :small[{markdown_escape('; '.join(assumed))}. Not confirmed: "
@@ -83,7 +91,7 @@ def ask_robot(
     elif known is not None:
         show_inertia(known)
     state = missing_inertia()[0] if known is None else f"M and M2 {deviation_text(inertia_std)}"
-    if not clicked or problem or known is None:
+    if not clicked or problem or elsewhere or known is None:
         return None, "to correct" if problem else state, clicked
     of_study = {"name": name.strip() or known.name or study_name(logs), "pose_of": poses}
     return vars(known) | facts | of_study, state, clicked

@@ -77,7 +77,7 @@ def _choose() -> str | None:
     st.selectbox(
         "Study",
         list(names.values()),
-        format_func=label,
+        format_func={name: label(name) for name in names.values()}.__getitem__,
         key="study",
         on_change=_take_choice,
         disabled=not names,

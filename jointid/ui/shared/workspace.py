@@ -5,7 +5,7 @@ anyone with the address can open its studies, which outlive session, tab and ser
 store refuses stay in the session, with a message.
 """
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -54,9 +54,15 @@ def refuse(file: str, error: JointIdError, data: bytes) -> None:
     st.session_state["refused"] = Refused(file, str(error), lines_around(data, error))
 
 
-def sample_paths() -> dict[str, Path]:
+def sample_paths() -> Mapping[str, Path]:
     """Return the sample studies by key, the paper's first, the exercises last."""
-    found = {name.replace("_", " "): path for name, path in sample_studies(SAMPLES).items()}
+    return _samples_in(SAMPLES, SAMPLES.stat().st_mtime_ns if SAMPLES.is_dir() else 0)
+
+
+@lru_cache(maxsize=4)
+def _samples_in(folder: Path, _changed_ns: int) -> Mapping[str, Path]:
+    """List a folder once: a page asks for it some forty times."""
+    found = {name.replace("_", " "): path for name, path in sample_studies(folder).items()}
     return dict(sorted(found.items(), key=lambda item: item[0].startswith("exercise")))
 
 

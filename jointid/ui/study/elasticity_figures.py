@@ -10,6 +10,7 @@ import streamlit as st
 from jointid import Analysis, JointIdError
 from jointid.analysis import NOT_USABLE
 from jointid.answer import gear_terms, without_curve
+from jointid.estimation.elasticity import ElasticityFit
 from jointid.exporting import torsion_table
 from jointid.figures import (
     dynamic_stiffness,
@@ -156,9 +157,10 @@ def _show_gear_terms(analysis: Analysis, joints: Sequence[int]) -> None:
     )
 
 
-def _predicted(page: Page, analysis: Analysis) -> TorquePrediction:
-    doing = "Fitting half of the frequencies, predicting the others"
-    return page.computed("prediction", doing, predict_torques, analysis.fit)
+@st.cache_resource(max_entries=240, show_spinner=False)
+def _predicted(digest: str, method: str, _fit: ElasticityFit) -> TorquePrediction:
+    """Predict in this process: it takes milliseconds, and a worker may be busy for a second."""
+    return predict_torques(_fit)
 
 
 def show_prediction(page: Page, analysis: Analysis) -> None:
@@ -166,7 +168,7 @@ def show_prediction(page: Page, analysis: Analysis) -> None:
     if analysis.state == NOT_USABLE:
         return
     try:
-        prediction = _predicted(page, analysis)
+        prediction = _predicted(page.digest, page.method, analysis.fit)
     except JointIdError as error:
         show_note(f"No prediction of records left out of the fit. {error}")
         return
@@ -190,7 +192,7 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
         "minus the measured ones."
     )
     try:
-        prediction = _predicted(page, analysis)
+        prediction = _predicted(page.digest, page.method, analysis.fit)
     except JointIdError as error:
         show_info(error)
     else:

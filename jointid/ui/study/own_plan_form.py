@@ -1,6 +1,7 @@
 """A plan of one's own: the table to edit, and its expected errors."""
 
 import json
+from collections.abc import Hashable
 from typing import Any
 
 import numpy as np
@@ -177,8 +178,8 @@ def plan_of(columns: Columns, page: Page, analysis: Analysis, pose: str) -> Plan
             if value is None or value != value or not str(value).strip():  # NaN: a number left out
                 raise JointIdError(f"Row {row} of the plan: {name} is empty.")
             rows[name].append(numbers_in(f"Row {row} of the plan, {name}", str(value), count=count))
-    given = analysis.phasors, analysis.study.inertias, analysis.fit, pose_inertia(analysis, pose)
-    model = page.computed(("planning model", pose), "Preparing the plan", planning_model, *given)
+    what, given = _model(analysis, pose)
+    model = page.computed(what, "Preparing the plan", planning_model, *given)
     return planned_records(
         model.inertia,
         analysis.fit.elasticity,
@@ -186,6 +187,18 @@ def plan_of(columns: Columns, page: Page, analysis: Analysis, pose: str) -> Plan
         torque_Nm=np.array(rows[_TORQUES]) * np.exp(1j * np.radians(rows[_PHASES])),
         duration_s=np.ravel(rows[_LENGTH]),
     )
+
+
+def begin_model(page: Page, analysis: Analysis, pose: str) -> None:
+    """Begin what a plan needs beside the suggested records, which are sought meanwhile."""
+    what, given = _model(analysis, pose)
+    page.begin(what, planning_model, *given)
+
+
+def _model(analysis: Analysis, pose: str) -> tuple[Hashable, tuple[Any, ...]]:
+    """Name of the planning model, and what it is computed from."""
+    given = analysis.phasors, analysis.study.inertias, analysis.fit, pose_inertia(analysis, pose)
+    return ("planning model", pose), given
 
 
 def content(plan: PlannedRecords) -> tuple[float, ...]:
