@@ -42,6 +42,7 @@ from jointid.estimation.identify_motion import motion_misfits
 from jointid.estimation.motion_noise import noise_of_rows
 from jointid.estimation.regression_start import regression_start
 from jointid.gears.dahl import presliding_bins
+from jointid.joints import resonances
 from jointid.motion import end_terms
 from jointid.motion.arm_motion import DrivenArms
 from jointid.motion.complement import Complement, Waveforms
@@ -464,12 +465,25 @@ def test_unknown_friction_is_no_larger_than_coulomb_friction(monkeypatch: pytest
 
 
 def test_random_motion_of_joints_that_stick_determines_stiffness() -> None:
-    """Joint 1 rests for 60 % of the time: in the band of its motion alone, K1 was 0.8 % off, ± 1.6 %."""
+    """Joint 1 rests for 60 % of the time: in the band of its motion alone, K1 was 3 % off, ± 8 %."""
     sticks = replace(CELL, coulomb=[0.4, 0.08], viscous=[2e-3, 4e-4])
-    fit = identify_motion(simulate([(sticks, Motion("random", 1))])[0], GIVEN, inertia_std=np.inf)
+    fit = identify_motion(simulate([(sticks, Motion("random", 1, 10.0))])[0], GIVEN, inertia_std=np.inf)
     assert np.all(relative_error(fit) < [0.005, 0.005, 0.015, 0.015])
     assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
     assert np.all(fit.standard_error < [0.25, 0.03, 2e-3, 2e-4])
+
+
+def test_many_lines_far_above_the_resonances_are_left_out() -> None:
+    """With 15,000 equations up to 390 Hz, the errors were the same, in 11 times the processor time."""
+    wide = Motion("random", 2, 5.0, 4000.0, (2.0, 400.0), 6.0, seed=1)
+    motions = simulate([(CELL, wide)])[0]
+    fit = identify_motion(motions, GIVEN, inertia_std=0.05)
+    top = 4 * resonances(fit.inertia, fit.elasticity)[-1]
+    assert 0.9 * top < fit.phasors.omega.max() / (2 * np.pi) < 1.1 * top
+    assert np.all(np.abs(fit.estimate - TRUE) < 3 * fit.standard_error)
+    stated = [replace(motions[0], band_hz=(2.0, 350.0))]
+    phasors, _ = identify_motion_module._phasors(stated, CELL.M[None], 1.0, top)
+    assert phasors.excited.max() > 2 * np.pi * 340
 
 
 def test_the_band_of_joints_that_stick_ends_with_their_motion() -> None:

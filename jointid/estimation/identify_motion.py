@@ -30,7 +30,7 @@ from jointid.estimation.motion_noise import (
     with_torque_noise,
 )
 from jointid.estimation.regression_start import regressed, regression_start
-from jointid.joints import Inertia
+from jointid.joints import Elasticity, Inertia, resonances
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
@@ -49,6 +49,8 @@ _FEW = 6
 """Segments of motions for the first estimates of noise and model, from which the whole fit starts."""
 _MANY = 10_000
 """Number of equations above which the model of many joints also comes from the first segments."""
+_BEYOND = 4.0
+"""Frequency over the highest resonance up to which many equations are used."""
 _CROWDED, _WIDER = 1.5, 2.0
 """Unknown torques in short rests over equations of a joint from which the band is wider, and its factor:
 a wider band resolves the short moves between them."""
@@ -152,8 +154,10 @@ def _identified(
     _require_motion(phasors)
     prior = given.of_rows(source)
     begin = regression_start(phasors, prior)
-    if "coulomb" in begin.layout and _is_crowded(phasors):
-        phasors, source = _phasors(records, given.M[given.rotor], _WIDER)
+    widened = _WIDER if "coulomb" in begin.layout and _is_crowded(phasors) else 1.0
+    most_hz = _highest_hz(phasors, prior, begin)
+    if widened > 1 or most_hz < np.inf:
+        phasors, source = _phasors(records, given.M[given.rotor], widened, most_hz)
         prior = given.of_rows(source)
     whole = phasors, prior
     rows, many = _few(phasors, prior), _are_many(phasors)
@@ -276,8 +280,20 @@ def _is_crowded(phasors: Phasors) -> bool:
     return bool(np.any(torques > _CROWDED * equations))
 
 
+def _highest_hz(phasors: Phasors, prior: InertiaPrior, begin: Parameters) -> float:
+    """Frequency above which many equations hardly depend on K and D; infinite for few."""
+    if 2 * np.count_nonzero(phasors.harmonics[..., : phasors.n]) <= _MANY or np.any(begin.K <= 0):
+        return np.inf
+    springs = Elasticity(begin.K, np.zeros(phasors.n))
+    every = prior.inertias(prior.M, prior.M2)
+    return _BEYOND * max(float(resonances(each, springs)[-1]) for each in every)
+
+
 def _phasors(
-    records: list[MotionRecord | SineRecord], M: Floats, widened: float = 1.0
+    records: list[MotionRecord | SineRecord],
+    M: Floats,
+    widened: float = 1.0,
+    most_hz: float = np.inf,
 ) -> tuple[Phasors, np.ndarray]:
     """Rows of all records, and the record of each row."""
     motions = {k: record for k, record in enumerate(records) if isinstance(record, MotionRecord)}
@@ -288,7 +304,7 @@ def _phasors(
         parts.append(extract_phasors(list(sines.values())))
         source += sines
     if motions:
-        rows = motion_phasors(list(motions.values()), M[list(motions)], widened)
+        rows = motion_phasors(list(motions.values()), M[list(motions)], widened, most_hz)
         parts.append(rows)
         numbers = list(motions)
         source += [numbers[segment.record] for segment in rows.segments if segment is not None]

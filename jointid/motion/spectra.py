@@ -38,18 +38,20 @@ _EXACT = 1e4
 """Degrees of freedom of a covariance from many samples."""
 
 
-def motion_phasors(records: Sequence[MotionRecord], M: Floats, widened: float = 1.0) -> Phasors:
+def motion_phasors(
+    records: Sequence[MotionRecord], M: Floats, widened: float = 1.0, most_hz: float = np.inf
+) -> Phasors:
     """Phasors of the segments of motion records.
 
     ``M``, shape (r, n), is the rotor inertia of each record, kg·m², to separate the noise of torque and
-    angle. ``widened`` multiplies the highest frequency of bands that the records do not state. Raises
-    JointIdError when a record's clock is too uneven, or its band is empty.
+    angle. ``widened`` multiplies the highest frequency of bands that the records do not state, and
+    ``most_hz`` limits it. Raises JointIdError when a record's clock is too uneven, or its band is empty.
     """
     found = []
     for index, record in enumerate(records):
         name = record.label or f"motion record {index + 1}"
         parts = uniform_parts(record, index, name)
-        band, least_s, variance, limits = _band_and_noise(record, parts, M[index], widened)
+        band, least_s, variance, limits = _band_and_noise(record, parts, M[index], widened, most_hz)
         found += [
             _row(segment, samples, variance, record, name, part.held)
             for part in parts
@@ -69,7 +71,7 @@ def motion_phasors(records: Sequence[MotionRecord], M: Floats, widened: float = 
 
 
 def _band_and_noise(
-    record: MotionRecord, parts: list[UniformPart], M: Floats, widened: float
+    record: MotionRecord, parts: list[UniformPart], M: Floats, widened: float, most_hz: float
 ) -> tuple[tuple[float, float], float, Floats, Floats]:
     """Band, Hz; least length of a segment, s; and the noise."""
     variances_above = cache(lambda highest_hz: sensor_variances(parts, highest_hz, M))
@@ -82,8 +84,9 @@ def _band_and_noise(
         variance, _ = variances_above(band[1])
     lowest, highest = proposed_band(parts, variance)
     widened = widened if widened * highest < HIGHEST / record.interval_s else 1.0
-    band = lowest, widened * highest
-    return band, _SEGMENT_S / widened, *_noise(parts, *variances_above(band[1]))
+    highest *= widened  # the motion, without its noise, may go on beyond the limit
+    noise = _noise(parts, *variances_above(highest))
+    return (lowest, min(highest, max(most_hz, 2 * lowest))), _SEGMENT_S / widened, *noise
 
 
 def _noise(parts: list[UniformPart], variance: Floats, most: Floats) -> tuple[Floats, Floats]:
