@@ -364,7 +364,7 @@ def test_the_motion_of_the_arm_follows_from_the_torque_and_from_the_motor() -> N
         0, T, angle[None], velocity[None], logged[None], False, 0, N, 1e-6 * one, *[0 * one] * 3,
         noise**2 * one, 0 * one, noise**2 * one, 5, 100,
     )  # fmt: skip
-    motors = Motors(M * one, 0 * one, 0 * one, 0 * one, 0 * one, one)
+    motors = Motors(M * one, 0 * one, 0 * one, 0 * one, 0 * one, one, 0 * one)
 
     def off(level: float, inertia: float) -> float:
         arms = DrivenArms(K * one, D * one, level * one, 0 * one, inertia * np.eye(1), np.zeros((1, 1)))
@@ -383,7 +383,9 @@ def test_arms_of_equal_poles_or_without_torque_have_finite_velocities(D: float, 
     velocity = np.cos(2 * np.pi * 5 * T * np.arange(N))[None]
     segment = Segment(0, T, velocity, velocity, torque * velocity, False, 0, N, *[none] * 7, 5, 100)
     arms = DrivenArms(50 * one, D * one, 0.01 * one, none, 0.004 * np.eye(1), np.zeros((1, 1)))
-    assert np.isfinite(arms.velocities(segment, Motors(0.002 * one, none, none, none, none, one))).all()
+    assert np.isfinite(
+        arms.velocities(segment, Motors(0.002 * one, none, none, none, none, one, none))
+    ).all()
 
 
 @pytest.mark.parametrize("presliding_rad", [1e-3, 2e-2])

@@ -363,7 +363,7 @@ def test_the_torque_through_a_gear_is_what_the_motor_leaves(held: bool) -> None:
     t, v = step * np.arange(N), np.array([[2.0, 0.0], [0.0, 1.0]])
     gear = np.array([[0.5, 0.1j], [0.3, -0.2]])
     motors = Motors(
-        *np.array([[2e-3, 1e-3], [0.03, 0], [0.01, 0.02], [0, 0.2], [1.3e-3, -2e-3], [1.1, 1]])
+        *np.array([[2e-3, 1e-3], [0.03, 0], [0.01, 0.02], [0, 0.2], [1.3e-3, -2e-3], [1.1, 1], [0, 0]])
     )
     velocity, through = (np.einsum("jk,kt->jt", x, np.exp(np.outer(s, t))).imag for x in (v, gear))
     rate = np.einsum("jk,kt->jt", v * s, np.exp(np.outer(s, t))).imag
@@ -436,7 +436,9 @@ def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
     )  # fmt: skip
     prior = InertiaPrior.of(Inertia([0.1, 0.2], np.eye(2)), 4, 2)
     one, none = np.ones(2), np.zeros(2)
-    motors = [Motors(prior.M[0], np.array([0.3, 0.4]), none, none, none, 2 * one)] * 4
+    motors = [
+        Motors(prior.M[0], np.array([0.2, 0.5]), none, none, none, 2 * one, np.array([0.1, -0.1]))
+    ] * 4
     torques = {0: np.array([2e-4, 3e-4]), 1: np.array([9e-4, 1e-5])}
     unseen = {number: np.array([np.nan, np.nan]) for number in torques}
     kept = with_torque_noise(phasors, prior, unseen, motors).segments[1:]
@@ -561,7 +563,7 @@ def test_the_torque_through_a_gear_in_sines_is_what_the_motor_leaves(filtered: b
         harmonic_rounding=np.zeros(z.shape),
     )  # fmt: skip
     friction = friction_waveforms(phasors, None, position_filter=T if filtered else None)
-    motors = [Motors(M, coulomb, viscous, load, lag, scale)] * 2
+    motors = [Motors(M, coulomb, viscous, load, lag, scale, np.zeros(2))] * 2
     found = gear_torque_of(friction, phasors, motors, loaded=True)
     size = np.abs(through).max()
     assert np.abs(found.sines - through).mean() < 0.01 * size

@@ -25,6 +25,8 @@ from jointid.phasors.segment import Motors
 SAME, SAME_OF_MANY = 0.1, 0.3
 """Relative change of the variances above which the models are compared again; the second for many
 equations, whose noise is already that of the chosen model."""
+_OTHER_FRICTION = 0.3
+"""Relative change of the unknown friction above which they are, too: a curve adds to it at rest."""
 _LEAST_LEFT, _CLEAREST = 0.02, 0.3
 """Smallest share of a joint's equations in a segment that free friction leaves, and share above which
 the segment shows the noise; if no segment does, those with the largest share are used."""
@@ -84,12 +86,23 @@ def with_torque_noise(
 
 
 def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:
-    """Whether the variances of motions differ by more than ``same`` times the smaller (RMS)."""
-    rows = one.motion
-    before, after = (np.einsum("rhjj->rj", each.harmonic_covariance[rows]).real for each in (one, other))
-    least = np.minimum(before, after)
-    change = np.divide(before - after, least, out=np.zeros_like(least), where=least > 0)
-    return bool(np.any(np.sqrt(np.mean(change**2, axis=0)) > same))
+    """Whether the variances of motions differ by more than ``same`` times the smaller (RMS).
+
+    Or the friction that is unknown near reversals by ``_OTHER_FRICTION``.
+    """
+    pairs = zip(_sizes(one.select(one.motion)), _sizes(other.select(one.motion)), strict=True)
+    for (before, after), most in zip(pairs, (same, _OTHER_FRICTION), strict=True):
+        least = np.minimum(before, after)
+        change = np.divide(before - after, least, out=np.zeros_like(least), where=least > 0)
+        if np.any(np.sqrt(np.mean(change**2, axis=0)) > most):
+            return True
+    return False
+
+
+def _sizes(motions: Phasors) -> tuple[Floats, Floats]:
+    """Variances, and unknown friction where there is some, of the joints in every row."""
+    unknown = [each.unknown_Nm * np.ones(motions.n) for each in motions.segments if each is not None]
+    return np.einsum("rhjj->rj", motions.harmonic_covariance).real, np.stack(unknown)
 
 
 def noise_of_rows(phasors: Phasors, prior: InertiaPrior) -> Noise:

@@ -173,7 +173,7 @@ def gear_torque_of(
     s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
     angle, torque = phasors.harmonics[..., :n], phasors.harmonics[..., n:]
     every = Motors(*(np.stack(each) for each in zip(*motors, strict=True)))
-    M, coulomb, viscous, _, lag, scale = (each[:, None] for each in every)
+    M, coulomb, viscous, _, lag, scale, _ = (each[:, None] for each in every)
     left = scale * torque * np.exp(-s * lag) - s * (s * M + viscous) * angle
     left -= coulomb * friction.coulomb
     of_sines: Floats = np.zeros((0, n, GRID))

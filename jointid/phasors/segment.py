@@ -32,6 +32,8 @@ class Motors(NamedTuple):
     """Delay of the torque as logged."""
     torque_scale: Floats
     """Torque over that logged."""
+    breakaway: Floats
+    """Coulomb friction at rest in addition to that in motion (Stribeck curve)."""
 
     def without_load_friction(
         self, torque: Floats, direction: Floats, smooth: Callable[[Floats], Floats]
@@ -145,14 +147,15 @@ class Segment:
         return np.asarray(spline(spline.x, 1) / self.interval_s)
 
     def friction_at_reversals(self, motors: Motors) -> Floats:
-        """Coulomb friction and the root mean square of that by load there, shape (n,), N·m."""
+        """Coulomb friction at rest and the root mean square of that by load there, shape (n,), N·m."""
+        level = motors.coulomb + motors.breakaway
         if not motors.load.any():
-            return motors.coulomb
+            return level
         direction = np.sign(self.velocity)
         turns = np.diff(direction, axis=1) != 0
         squares = (turns * self.gear_torque(motors, direction)[:, 1:] ** 2).sum(axis=1)
         at_turns = np.sqrt(squares / np.maximum(turns.sum(axis=1), 1))
-        return np.asarray(motors.coulomb + motors.load * at_turns)
+        return np.asarray(level + motors.load * at_turns)
 
     @property
     def samples(self) -> int:

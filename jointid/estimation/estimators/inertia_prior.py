@@ -218,13 +218,14 @@ class InertiaPrior:
         M = (p["M"] if is_fitted else self.M)[self.rotor]
         stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
         lags = stated[:, None] + p.delay + p.effect("lag")
-        level = p.effect("coulomb") + p.effect("motor_presliding")
-        coulomb, viscous, load, scale = (
-            np.asarray(np.broadcast_to(value, phasors.n))
-            for value in (level, p.effect("viscous"), p.effect("load"), p.torque_scale)
+        rise = p["curve"].sum(axis=1) if "curve" in p.layout else 0.0
+        level, others = p.effect("coulomb") + p.effect("motor_presliding"), ("viscous", "load")
+        values = level, *map(p.effect, others), p.torque_scale, rise
+        coulomb, viscous, load, scale, rise = (
+            np.asarray(np.broadcast_to(each, phasors.n)) for each in values
         )
         return [
-            Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale)
+            Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale, rise)
             for own, lag in zip(M, lags, strict=True)
         ]
 
