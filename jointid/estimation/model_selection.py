@@ -66,7 +66,8 @@ one of hysteresis: its waveform is computed in steps. They shifted K of a robot 
 0.06 %. The second holds for presliding where friction also varies with speed: Dahl is a rough model
 then."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
-"""Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low."""
+"""Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low. Also
+by the five parts of a friction curve."""
 _SLOPES_ACCURACY = np.array([1e-4, 3e-4])
 """The same of gears with three slopes in sines, by harmonics beyond those of the records: 90 % of the
 intervals by noise alone held K, off by some 0.02 %. Of transmission errors, too: the torque by which
@@ -331,6 +332,7 @@ def _choice(search: Search, best: Model) -> Choice:
             is_rough = "hysteresis" in best.effects or (best.curve and not best.is_slow)
             beyond = _LOOPS_BEYOND if is_rough else _LAWS_BEYOND
             whole = whole + beyond * found.elasticity_covariance
+        if best.is_slow or best.curve or "arm_coulomb" in best.effects:
             whole = whole + np.diag((_LAW_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
     elif {"piecewise", "transmission", "loss_factor"}.intersection(best.effects):
         whole = whole + np.diag((_SLOPES_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
