@@ -401,6 +401,20 @@ def test_a_reversed_sign_is_named_by_power_beside_wrong_inertias() -> None:
     assert "gear ratio the other sign" in found.remedy
 
 
+@pytest.mark.parametrize(("angle", "torque"), [([1, -1], 1), (1, [1, -1]), ([-1, 1], 1), (1, [-1, 1])])
+def test_a_reversed_sign_is_named_beside_start_inertias_that_are_far_off(
+    angle: Any, torque: Any
+) -> None:
+    """A regression without the inertias is physical for the right sign only."""
+    wrong = Inertia(SERIAL.M * [1.28, 0.75], SERIAL.M2 * np.array([[0.74, 1.15], [1.15, 1.29]]))
+    found = fault(logged(angle, torque), wrong)
+    assert found is not None
+    what = "torque" if angle == 1 else "position"
+    joint = 1 + int(np.argmin(torque if angle == 1 else angle))
+    assert found.title == f"The sign of the {what} of joint {joint} looks reversed"
+    assert fault(measured(), wrong) is None
+
+
 def test_motors_that_stand_still_are_not_logged_in_microseconds() -> None:
     """Their records would last microseconds."""
     still = logged(1e-12)
