@@ -118,6 +118,10 @@ def _reversed_beside_inertias(
     stiffness negative. It starts a fit that takes the given inertias as uncertain.
     """
     prior = InertiaPrior.of(inertias, *phasors.q.shape, inertia_std=LOOSE)
+    if len(prior.M2) > 1:  # the regression is for one pose: that of most records
+        rows = np.flatnonzero(prior.pose == np.bincount(prior.pose).argmax())
+        own = [inertias[row] for row in rows.tolist()]
+        return _reversed_beside_inertias(phasors.select(rows), own, tried)
     if without_inertias(phasors, prior) is not None:
         return None
     right, starts, fits = {}, {}, {}
