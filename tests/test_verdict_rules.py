@@ -610,10 +610,17 @@ def test_stiffness_changes_with_the_deflection_from_five_errors_and_per_mille(
         standard_error=np.array([0.1, error]),
         deflection_rad=np.array([[0.1, 0.2], [0.3, 0.4]]),
     )
-    monkeypatch.setattr(rules_causes, "amplitude_dependence", lambda _: curve)
+    monkeypatch.setattr(rules_effects, "amplitude_dependence", lambda _: curve)
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: False)
     given = case(fit=two_joints(parameters=case(layout=())))
-    found = list(rules_causes.depends_on_amplitude(given))
+    found = list(rules_effects.depends_on_amplitude(given))
     assert [f"joint 2 {verb} with" in finding.title for finding in found] == [True] * bool(verb)
+    # No stiffness falls by more than it is, although the slope in shares of K may exceed 1.
+    curve.change = np.array([0.0, -4.97])
+    (fall,) = rules_effects.depends_on_amplitude(given)
+    assert "changes by 99 %" in fall.detail
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: True)
+    assert not list(rules_effects.depends_on_amplitude(given))
 
 
 def test_distortion_is_that_of_torques_above_four_errors(monkeypatch: pytest.MonkeyPatch) -> None:
