@@ -25,7 +25,7 @@ PARTS = {
     "transfer_matrix": "H, against pyFRF and scipy.signal.csd",
     "stiffness": "K and D, against grey-box fits in frequency and time and MuJoCo",
     "simulation": "the simulated robot and the cut, against scipy.integrate.solve_ivp and real time",
-    "growth": "time and memory against samples, records and joints; draws docs/growth.svg",
+    "growth": "time and memory against samples, records and joints",
 }
 LONG = {
     "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",

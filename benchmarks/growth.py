@@ -34,7 +34,6 @@ from jointid import (
 )
 
 ROOT = Path(__file__).parents[1]
-PICTURE = ROOT / "docs" / "growth.svg"
 FULL = {
     "samples": (1e3, 1e4, 1e5, 1e6, 1e7),
     "samples, Parquet": (1e7, 1e8),
@@ -57,7 +56,7 @@ RATE_HZ = 1000.0
 
 
 def measure(quick: bool) -> list[Table]:
-    """Table of all sizes; the picture is drawn again after all measurements."""
+    """Table of all sizes."""
     series = {
         what: [
             _in_a_process(what, size, quick)
@@ -81,10 +80,6 @@ def measure(quick: bool) -> list[Table]:
                     "exponent": _exponents(points) if i == len(points) - 1 else None,
                 }
             )
-    if not quick:
-        from benchmarks.growth_picture import draw
-
-        PICTURE.write_text(draw(series), "utf-8")
     return [Table("growth", "Growth", COLUMNS, tuple(rows), (NOTE,))]
 
 

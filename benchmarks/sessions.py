@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.growth_picture import BLUE, on_white
 from benchmarks.harness import Table
 from jointid import Study, load_study
 from jointid.files.digest import study_digest
@@ -31,6 +30,7 @@ from jointid.files.store import Store, new_workspace
 from jointid.files.study_files import pack_study
 from jointid.reporting.drawing import Drawing, Line, Marks, Text, to_svg
 
+BLUE = "#0072B2"
 ROOT = Path(__file__).parents[1]
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity", "Cut", "Plan", "Report")
 MINUTES = {"minute": "", "reruns": ".0f", "95th percentile": "ms", "longest": "ms",
@@ -171,6 +171,13 @@ class Crowd:
             shapes.append(Marks(place, BLUE, size=2) if scattered else Line(place, BLUE, 1.2))
         about = f"Reruns, memory and descriptors of a server with {self.people} people."
         return on_white(to_svg(Drawing(720, 372, tuple(shapes), about)))
+
+
+def on_white(svg: str) -> str:
+    """A page may be dark; the ink is not."""
+    head, rest = svg.split(">", 1)
+    style = 'font-family="Roboto, Helvetica, Arial, sans-serif"'
+    return f'{head} {style}><rect width="100%" height="100%" rx="6" fill="#FFFFFF"/>{rest}\n'
 
 
 @dataclass(frozen=True)

@@ -284,7 +284,8 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         freed, _ = sine_matrices(study, fits[method].phasors)
         found = findings(replace(evidence, fit=fits[method]))
     if study.assumed and found[0].level == "problem":
-        assumed = f"First check what the import assumed: {'; '.join(study.assumed)}."
+        # The remarks of the study list it, wherever findings are shown.
+        assumed = 'First check what the import assumed, listed as "Assumed, not confirmed".'
         found = replace(found[0], remedy=f"{assumed} {found[0].remedy}"), *found[1:]
     return Analysis(
         study=study,

@@ -213,3 +213,7 @@ def test_the_example_text_reader_in_contributing_reads_its_format(tmp_path: Path
     assert table.column("q").values.tolist() == [1.5, 2.5]
     assert table.column("tau").values.tolist() == [-2.0, 3.0]
     assert names["TEXT_READER"].recognises(path.read_bytes())
+    path.write_bytes(b"PLANT8 500 Hz\nq;tau\n1.5;-2\n2.5;3\n3.")
+    (cut,) = names["TEXT_READER"].read("run.txt", str(path))
+    assert cut.column("q").values.tolist() == [1.5, 2.5]
+    assert "The last line (5) is cut short and was left out." in cut.notes

@@ -147,6 +147,14 @@ class TestTwinCat:
         assert log.time_s == pytest.approx(TIME_S[::2], abs=1e-9)
         assert log.tau_Nm[:, 0] == pytest.approx(1e3 * TORQUE[::2], abs=1)
 
+    def test_the_symbol_of_cia_402_gives_the_unit_where_none_is_stated(self) -> None:
+        data = make.twincat().replace(b"0.001", b"1").replace(b"Nm (Torque)", b"")
+        symbols = b"SymbolName\tIn.Position actual value\tSymbolName\tIn.Torque actual value\r\nNetID"
+        table = read_log(data.replace(b"NetID", symbols, 1), "scope.csv")[0]
+        assert [column.unit for column in table.columns] == ["s", "deg", "‰"]
+        assert "thousandths of the rated value, as in CiA 402" in table.notes[0]
+        assert read_log(data, "scope.csv")[0].columns[2].unit == ""
+
     def test_a_comment_of_several_lines_gives_no_row(self) -> None:
         comment = b"SymbolComment\t(* angle\r\n2\r\n3\t*)\tSymbolComment\t\r\nData-Type"
         (table, *_) = read_log(make.twincat().replace(b"Data-Type", comment, 1), "scope.csv")

@@ -31,6 +31,7 @@ from jointid.importing import (
 from jointid.importing.columns.column_words import described
 from jointid.importing.columns.log_table import numbers
 from jointid.importing.columns.units import split_unit
+from jointid.importing.map.guess import guess_unit
 
 T = np.arange(2000) * 1e-3
 
@@ -405,6 +406,23 @@ def test_objects_of_cia_402_are_thousandths_of_the_rated_torque() -> None:
     joint = guess_mapping(table_named("t", "6064h", "6077h")).mapping.joints[0]
     assert joint.torque.unit == "‰"
     assert joint.torque.side == "motor"
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "unit", "why"),
+    [
+        ("Drive 1.Torque actual value", [0, -120, 35], "‰", 'CiA 402\'s name "Torque actual value"'),
+        ("Drive 1.Torque actual value", [0, -1.2, 3.5], "N·m", "not whole numbers"),
+        ("Drive 1.Torque actual value", [0, 0, 0], "N·m", "not whole numbers"),
+        ("Drive 1.Torque", [0, -120, 35], "N·m", "names no unit"),
+    ],
+)
+def test_whole_numbers_of_a_torque_named_as_in_cia_402_are_thousandths(
+    name: str, values: list[float], unit: str, why: str
+) -> None:
+    found, stated, reason = guess_unit("torque", LogColumn(name, np.array(values, float)))
+    assert (found, stated) == (unit, False)
+    assert why in reason
 
 
 def test_more_joints_than_the_limit_are_a_valid_mapping() -> None:

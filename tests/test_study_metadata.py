@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from jointid import Analysis, JointIdError, Study, analyse, load_study
 from jointid.answer import STIFFNESS_UNITS, StiffnessUnit
+from jointid.cli.identify import _print
 from jointid.exporting import to_json
 from jointid.exporting.code_listing import code_listing
 from jointid.exporting.identification import answer_text
@@ -55,13 +57,18 @@ def test_facts_are_saved_with_the_study(study: Study, paper: Study) -> None:
     assert len({study_digest(each) for each in (study, paper, *others)}) == 5
 
 
-def test_a_problem_names_first_what_the_import_assumed(studies: dict[int, Study]) -> None:
+def test_a_problem_points_first_to_what_the_import_assumed(
+    studies: dict[int, Study], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The list is long: it appears once."""
     known = studies[1]
     records = [replace(record, tau_Nm=16 * record.tau_Nm) for record in known.records]
     wrong = replace(known, records=tuple(records), assumed=("gear ratio 1 (joint 1)",))
-    first, *others = analyse(wrong).findings
+    first, *others = (found := analyse(wrong)).findings
     assert first.level == "problem"
-    assert first.remedy.startswith("First check what the import assumed: gear ratio 1 (joint 1). ")
+    assert first.remedy.startswith("First check what the import assumed, listed as ")
+    _print(Path("wrong"), found, "", as_json=False)
+    assert capsys.readouterr().out.count("gear ratio 1 (joint 1)") == 1
     assert not any("assumed" in finding.remedy for finding in others)
 
 

@@ -12,6 +12,7 @@ import pytest
 from plants import (
     BAND_HZ,
     PAPER,
+    PARALLELOGRAM,
     ROBOTS,
     SERIAL,
     campaign,
@@ -399,6 +400,32 @@ def test_a_reversed_sign_is_named_by_power_beside_wrong_inertias() -> None:
         "The sign of the torque of joint 2 looks reversed",
     )
     assert "gear ratio the other sign" in found.remedy
+
+
+@pytest.mark.parametrize(("angle", "torque"), [([1, -1], 1), (1, [1, -1]), ([-1, 1], 1), (1, [-1, 1])])
+def test_a_reversed_sign_is_named_beside_start_inertias_that_are_far_off(
+    angle: Any, torque: Any
+) -> None:
+    """A regression without the inertias is physical for the right sign only."""
+    wrong = Inertia(SERIAL.M * [1.28, 0.75], SERIAL.M2 * np.array([[0.74, 1.15], [1.15, 1.29]]))
+    found = fault(logged(angle, torque), wrong)
+    assert found is not None
+    what = "torque" if angle == 1 else "position"
+    joint = 1 + int(np.argmin(torque if angle == 1 else angle))
+    assert found.title == f"The sign of the {what} of joint {joint} looks reversed"
+    assert fault(measured(), wrong) is None
+
+
+def test_a_reversed_sign_is_named_beside_start_inertias_of_several_poses() -> None:
+    one, other = measured(), plant_phasors(PARALLELOGRAM, PAPER, *campaign(BAND_HZ[:4], 2))
+    hz = np.concatenate([one.omega, other.omega]) / (2 * np.pi)
+    z = [np.concatenate([getattr(one, name), getattr(other, name)]) for name in ("q", "tau")]
+    noise = np.concatenate([one.covariance, one.covariance[:8]])
+    phasors = logged(1, [-1, 1], exact_phasors(hz, *z, noise, FREEDOM))
+    M2 = np.array([[0.74, 1.15], [1.15, 1.29]])
+    far, near = (Inertia(pose.M * [1.28, 0.75], pose.M2 * M2) for pose in (SERIAL, PARALLELOGRAM))
+    (found,) = wrong_data.wrong_data(phasors, [far] * 14 + [near] * 8)
+    assert found.title == "The sign of the torque of joint 1 looks reversed"
 
 
 def test_motors_that_stand_still_are_not_logged_in_microseconds() -> None:

@@ -610,10 +610,17 @@ def test_stiffness_changes_with_the_deflection_from_five_errors_and_per_mille(
         standard_error=np.array([0.1, error]),
         deflection_rad=np.array([[0.1, 0.2], [0.3, 0.4]]),
     )
-    monkeypatch.setattr(rules_causes, "amplitude_dependence", lambda _: curve)
+    monkeypatch.setattr(rules_effects, "amplitude_dependence", lambda _: curve)
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: False)
     given = case(fit=two_joints(parameters=case(layout=())))
-    found = list(rules_causes.depends_on_amplitude(given))
+    found = list(rules_effects.depends_on_amplitude(given))
     assert [f"joint 2 {verb} with" in finding.title for finding in found] == [True] * bool(verb)
+    # No stiffness falls by more than it is, although the slope in shares of K may exceed 1.
+    curve.change = np.array([0.0, -4.97])
+    (fall,) = rules_effects.depends_on_amplitude(given)
+    assert "changes by 99 %" in fall.detail
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: True)
+    assert not list(rules_effects.depends_on_amplitude(given))
 
 
 def test_distortion_is_that_of_torques_above_four_errors(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -971,10 +978,12 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
     [
         ([1, 50], "left out: 50 in position or torque, or 7.07 in both", "All joints"),
         ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
-        ([1, -50], "The sign is reversed as well", "All joints"),
+        ([1, -50], "First, the sign of the position or torque of joint 2 is reversed", "All joints"),
+        ([1, -1.14], "Inaccurate M and M2 are the likely cause of the size", "left out"),
+        ([1, 1.14], "a torque in units of 0.877 N·m", "gear ratio"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
-        ([-4, -4.06], "The sign is reversed as well", "sample rate"),
+        ([-4, -4.06], "is reversed, as with a gear", "sample rate"),
         ([1, 9.9], "Wrong M and M2 have the same effect", "The sign"),
         ([1, 1 / 9.9], "Wrong M and M2 have the same effect", "The sign"),
         ([1, 10.1], "left out: 10.1", "Wrong M and M2"),

@@ -33,6 +33,13 @@ def known_method(value: str) -> str:
     return value
 
 
+def at_joint(value: str) -> str:
+    """Check the unit of K from sensors behind the gears."""
+    if value and value not in _AT_JOINT:
+        raise typer.BadParameter(f'"{value}" is not one of its units: {", ".join(_AT_JOINT)}.')
+    return value
+
+
 def numbers(text: str) -> list[float]:
     """Parse numbers separated by commas."""
     try:
@@ -113,6 +120,7 @@ UNIT = typer.Option(
     show_default=False,
 )
 SENSOR_UNIT = typer.Option(
+    callback=at_joint,
     help=f"Unit of K, which stays at the joint: {', '.join(_AT_JOINT)}. Default: {_AT_JOINT[0]}.",
     show_default=False,
 )

@@ -80,7 +80,8 @@ class AmplitudeDependence:
     deflection_rad: Floats
     """Smallest and largest deflection amplitude compared, shape (n, 2), rad; NaN without any."""
     change: Floats
-    """Relative change of stiffness from the smallest to the largest deflection, shape (n,)."""
+    """Logarithm of the stiffness at the largest deflection over that at the smallest, shape (n,): the
+    stiffness is taken to follow a power of the deflection."""
     standard_error: Floats
     """Standard error of ``change``, shape (n,); inf where no frequency has several amplitudes."""
 

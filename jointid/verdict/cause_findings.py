@@ -11,6 +11,7 @@ from jointid.verdict.causes import (
     CAUSES,
     CLOSE,
     GOOD,
+    INACCURATE,
     LARGEST_GEAR_RATIO,
     NEAR,
     OTHER_CAUSES,
@@ -244,31 +245,43 @@ def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, e
 
 def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float, side: str) -> Finding:
     whose, size = _joints(wrong, factor.size), np.abs(factor[wrong])
-    ratios = np.maximum(size, 1 / size)
+    ratios, turned = np.maximum(size, 1 / size), np.flatnonzero(factor < 0)
+    title, sign, remedy = "A gear ratio, or the unit of the torque, looks wrong for", "", ""
+    if turned.size:
+        of = {"torque": "torque", "angle": "position"}.get(side, "position or torque")
+        of = f"the {of} of {_joints(turned, factor.size)}"
+        sign = f" First, the sign of {of} is reversed, as with a gear that reverses the direction."
+        remedy = (
+            f"Set the direction of {of} to reversed on import, or give the gear ratio the other sign. "
+        )
+        title = "The sign, and a gear ratio or the unit of the torque, look wrong for"
     gears = []
     for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
-        if ratio.max() <= LARGEST_GEAR_RATIO:
+        if ratio.max() <= LARGEST_GEAR_RATIO and ratios.min() > INACCURATE:
             gears.append(f"{_values(ratio)} in {where}")
-    unit = f"a torque in units of {_values(1 / size)} N·m."
-    causes = f"The cause may be {unit}"
+    causes = f"a torque in units of {_values(1 / size)} N·m."
     if gears:
         how = "applied once too often" if size.max() < 1 else "left out"
-        causes = f"The cause may be a gear ratio {how}: {', or '.join(gears)}; or {unit}"
+        causes = f"a gear ratio {how}: {', or '.join(gears)}; or {causes}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
-    if ratios.max() < _MOST_OF_INERTIAS and np.all(factor > 0):
+    causes = f"{sign} The cause{' of the size' * bool(sign)} may be {causes}"
+    if ratios.max() < _MOST_OF_INERTIAS:
         causes += " Wrong M and M2 have the same effect: check them as well."
-    if np.any(factor[wrong] < 0):
-        causes += " The sign is reversed as well, as with a gear that reverses the direction."
+    if sign and ratios.max() < INACCURATE:
+        title, causes = (
+            f"The sign of {of} looks reversed, and M and M2 look inaccurate for",
+            (f"{sign} Inaccurate M and M2 are the likely cause of the size."),
+        )
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.
         right = number(np.sqrt(factor.mean()))
         causes += f" All joints give the same factor: a sample rate of {right} times the given one "
         causes += "has the same effect."
     return problem(
-        f"A gear ratio, or the unit of the torque, looks wrong for {whose}",
-        f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}. {causes} {proof}",
-        _unknown_remedy(factor, wrong),
+        f"{title} {whose}",
+        f"Torque over acceleration is {_values(factor[wrong])} times {_EXPECTED}.{causes} {proof}",
+        f"{remedy}{_unknown_remedy(factor, wrong)}",
         effect,
         "edit mapping",
     )

@@ -13,6 +13,8 @@ GOOD = 10.0
 """Misfit below which a fit explains the records."""
 VELOCITY_UNITS = {1.0: "rad/s", DEGREES: "°/s", np.pi / 30: "rpm"}
 """Units of a velocity that may be taken for a position, by their size in rad/s."""
+INACCURATE = 1.8
+"""Factor up to which inaccurate inertias may be the cause."""
 LARGEST_GEAR_RATIO = 1000.0
 """Largest plausible gear ratio; its inverse is the smallest."""
 ALIKE = 0.02

@@ -18,11 +18,10 @@ from jointid.verdict.causes import GOOD
 from jointid.verdict.evidence import Evidence, Finding, good, relative, times_noise
 from jointid.verdict.rules_causes import (
     against_the_paper,
-    depends_on_amplitude,
     poses_disagree,
     torque_lags,
 )
-from jointid.verdict.rules_effects import effects_found
+from jointid.verdict.rules_effects import depends_on_amplitude, effects_found
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     MODEL_LIMITS,

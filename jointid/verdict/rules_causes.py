@@ -1,4 +1,4 @@
-"""Rules of the verdict that name a cause: friction, delay, poses that disagree, a gear that hardens."""
+"""Rules of the verdict that name a cause: friction, delay, poses that disagree."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,10 +9,10 @@ from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, least_squares
-from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS, elasticity_labels
+from jointid.estimation.estimators.parameters import EFFECTS, elasticity_labels
 from jointid.small_matrices import finite_part
 from jointid.uncertainty.poses import fits_by_pose
-from jointid.uncertainty.validation import amplitude_dependence, harmonic_content
+from jointid.uncertainty.validation import harmonic_content
 from jointid.verdict.evidence import Change, Evidence, Finding, note, number, relative, warning
 from jointid.wording import decimal_place, enumerated, percent, with_error
 
@@ -218,27 +218,6 @@ def poses_disagree(evidence: Evidence) -> Iterator[Finding]:
 
 def _change(share: float, error: float) -> str:
     return f"{'+' * (share > 0)}{with_error(100 * share, 100 * error)} %"
-
-
-def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
-    """The stiffness changes with the deflection."""
-    fitted = any(name in evidence.fit.parameters.layout for name in GEAR_LAWS)
-    if fitted or np.any(evidence.fit.K <= 0) or has_unmodelled_friction(evidence):
-        return
-    found = amplitude_dependence(evidence.fit)
-    clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)
-    for j in np.flatnonzero(clear):
-        low, high = found.deflection_rad[j]
-        more = found.change[j] > 0
-        yield warning(
-            f"The stiffness of joint {j + 1} {'rises' if more else 'falls'} with the deflection",
-            f"It changes by {percent(found.change[j])} ± {percent(found.standard_error[j])} from a "
-            f"deflection of {number(low, 2)} rad to {number(high, 2)} rad, at frequencies with several "
-            "amplitudes.",
-            "The gear is nonlinear, or friction is not fully modelled. Measure at the amplitude of the "
-            "application.",
-            float(abs(found.change[j])),
-        )
 
 
 def distortion(evidence: Evidence, kind: str = "odd") -> float:

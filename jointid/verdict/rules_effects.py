@@ -1,4 +1,4 @@
-"""Rule of the verdict on deviations from the ideal model that are fitted along with K and D."""
+"""Rules of the verdict on deviations from the ideal model that are fitted along with K and D."""
 
 import re
 from collections.abc import Iterator
@@ -9,9 +9,14 @@ import numpy as np
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS, PERIODIC_EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
-from jointid.uncertainty.validation import second_amplitude
-from jointid.verdict.evidence import Evidence, Finding, note
-from jointid.verdict.rules_causes import CANNOT_TELL, alternatives, half_a_sample
+from jointid.uncertainty.validation import amplitude_dependence, second_amplitude
+from jointid.verdict.evidence import Evidence, Finding, note, number, warning
+from jointid.verdict.rules_causes import (
+    CANNOT_TELL,
+    alternatives,
+    half_a_sample,
+    has_unmodelled_friction,
+)
 from jointid.verdict.rules_model import contradicts
 from jointid.wording import capitalised, counted, enumerated, percent, significant
 
@@ -108,6 +113,30 @@ def effects_found(evidence: Evidence) -> Iterator[Finding]:
             0.01,
             "",
             *changes,
+        )
+
+
+def depends_on_amplitude(evidence: Evidence) -> Iterator[Finding]:
+    """The stiffness changes with the deflection; none if the model contradicts the data."""
+    fitted = any(name in evidence.fit.parameters.layout for name in GEAR_LAWS)
+    if fitted or np.any(evidence.fit.K <= 0) or contradicts(evidence.fit):
+        return
+    if has_unmodelled_friction(evidence):
+        return
+    found = amplitude_dependence(evidence.fit)
+    clear = (np.abs(found.change) > 5 * found.standard_error) & (np.abs(found.change) > 5e-3)
+    ratio = np.exp(found.change)
+    for j in np.flatnonzero(clear):
+        low, high = found.deflection_rad[j]
+        verb = "rises" if found.change[j] > 0 else "falls"
+        error = percent(ratio[j] * found.standard_error[j])
+        yield warning(
+            f"The stiffness of joint {j + 1} {verb} with the deflection",
+            f"It changes by {percent(ratio[j] - 1)} ± {error} from a deflection of {number(low, 2)} rad "
+            f"to {number(high, 2)} rad, at frequencies with several amplitudes.",
+            "The gear is nonlinear, or friction is not fully modelled. Measure at the amplitude of the "
+            "application.",
+            float(abs(found.change[j])),
         )
 
 

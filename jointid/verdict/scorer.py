@@ -51,6 +51,19 @@ class Hypothesis:
         angle, torque = np.split(self.scale, 2)
         return np.asarray(torque / angle)
 
+    def corrected(self, phasors: Phasors) -> Phasors:
+        """Phasors with true angles and torques, where these are scaled."""
+        angle, torque = np.split(self.scale, 2)
+        square = np.outer(self.scale, self.scale)
+        return replace(
+            phasors,
+            q=phasors.q / angle,
+            tau=phasors.tau / torque,
+            covariance=phasors.covariance / square,
+            harmonics=phasors.harmonics / self.scale,
+            harmonic_covariance=phasors.harmonic_covariance / square,
+        )
+
     def inertia(self, given: Inertia) -> Inertia:
         """Inertia of the joints as logged, where whole axes are exchanged or reversed."""
         n = given.n

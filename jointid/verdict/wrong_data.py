@@ -6,6 +6,7 @@ far better than the data as logged. Correct data are never changed.
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
@@ -14,23 +15,29 @@ import numpy as np
 from scipy.optimize import minimize
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.joint_equations import LARGEST, LEAST
+from jointid.errors import JointIdError
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import LARGEST, LEAST, spring_equations
+from jointid.estimation.estimators.linear_fit import without_inertias
+from jointid.estimation.model_fits import fit_model
+from jointid.estimation.model_selection import LOOSE
 from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors
 from jointid.phasors.passivity import least_misfit
 from jointid.verdict.cause_findings import finding_of
-from jointid.verdict.causes import CAUSES, GOOD, LARGEST_GEAR_RATIO, SUBTLE, VELOCITY_UNITS
+from jointid.verdict.causes import CAUSES, GOOD, INACCURATE, LARGEST_GEAR_RATIO, SUBTLE, VELOCITY_UNITS
 from jointid.verdict.evidence import Finding
 from jointid.verdict.scorer import VELOCITY, Hypothesis, Scorer, simplest
 
 _SNAP = 1.35  # a factor this close to a known one is taken for it
-_RIGHT = 1.8  # a factor up to this may come from inaccurate inertias
 _BETTER = 0.1  # share of the misfit that corrected data may leave
 _GRID, _GRID_POINTS, _FARTHEST = 0.24, 17, 0.5  # logarithms around a rough ratio
 _LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
 _SHORTEST_S = 0.01  # shortest plausible length of the longest record with corrected times
 _ABSORBED = 100.0  # misfit by absorbed power, from which the power alone proves a wrong sign
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
+_OWN_INERTIAS = "The correction includes other M and M2, which the records give: check the entered ones."
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
 
@@ -48,7 +55,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
     tuple of Finding
         At most one: the best hypothesis. The data as logged need not allow an estimate.
     """
-    scorer = Scorer.of(phasors, inertias)
+    scorer, duration_s = Scorer.of(phasors, inertias), float(phasors.duration_s.max())
     bare = scorer.scores([scorer.as_logged()])
     as_logged = float(bare.cost[0])
     if as_logged < GOOD:
@@ -68,7 +75,14 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             found = scorer.scores(possible).cost
             found[found > _BETTER * cost.min()] = np.inf  # a free ratio always reduces the misfit
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
-    shortest = _SHORTEST_S / float(phasors.duration_s.max())
+    if cost.min() > GOOD and (found_sign := _reversed_beside_inertias(phasors, inertias, tried)):
+        chosen, left = found_sign
+        # Free inertias always reduce the misfit; a ratio near 1 beside the same sign stands for them.
+        alike = [bool(_is_small(h.factor / chosen.factor).all()) for h in tried]
+        if left < min(bar, float(np.where(alike, cost, _BETTER * cost).min())):
+            finding = finding_of(chosen, as_logged, left, str, duration_s, np.ones(scorer.n))
+            return (replace(finding, detail=f"{finding.detail} {_OWN_INERTIAS}"),)
+    shortest = _SHORTEST_S / duration_s
     cost[[bool(np.all(h.factor > shortest**-2.0)) for h in tried]] = np.inf  # too short
     absorbed = least_misfit(phasors.omega, phasors.z, phasors.covariance)
     if absorbed > GOOD:
@@ -82,7 +96,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
         cost = scorer.scores(tried).cost
     chosen = tried[simplest(cost)]
     after = scorer.scores([chosen])
-    left, duration_s = float(after.cost[0]), float(phasors.duration_s.max())
+    left = float(after.cost[0])
     side = partial(_side, chosen, left, scorer)
     return (finding_of(chosen, as_logged, left, side, duration_s, after.K[0]),)
 
@@ -92,10 +106,51 @@ def _reversed_by_power(phasors: Phasors, tried: Sequence[Hypothesis]) -> list[Hy
 
     With friction and wrong inertias no hypothesis explains the torques, but the power shows the sign.
     """
-    signs = [h for h in tried if h.kind in ("angle", "torque") and np.all(np.abs(h.scale) == 1)]
-    found = [h for h in signs if _supplies_power(phasors, h)]
-    joints = {tuple(np.flatnonzero(h.factor < 0)) for h in found}
-    return found if len(joints) == 1 else []
+    return _of_one_sign([h for h in _signs(tried) if _supplies_power(phasors, h)])
+
+
+def _reversed_beside_inertias(
+    phasors: Phasors, inertias: Sequence[Inertia], tried: Sequence[Hypothesis]
+) -> tuple[Hypothesis, float] | None:
+    """The reversed sign without which the records give positive inertias, and the misfit with those.
+
+    A regression without the given inertias fits any sign alike, but a wrong one makes an inertia or a
+    stiffness negative. It starts a fit that takes the given inertias as uncertain.
+    """
+    prior = InertiaPrior.of(inertias, *phasors.q.shape, inertia_std=LOOSE)
+    if len(prior.M2) > 1:  # the regression is for one pose: that of most records
+        rows = np.flatnonzero(prior.pose == np.bincount(prior.pose).argmax())
+        own = [inertias[row] for row in rows.tolist()]
+        return _reversed_beside_inertias(phasors.select(rows), own, tried)
+    if without_inertias(phasors, prior) is not None:
+        return None
+    right, starts, fits = {}, {}, {}
+    for hypothesis in _signs(tried):
+        right[hypothesis] = hypothesis.corrected(phasors)
+        start = without_inertias(right[hypothesis], prior)
+        if start is not None:
+            starts[hypothesis] = start
+    for hypothesis in _of_one_sign([*starts]):
+        noise = spring_equations(right[hypothesis], inertias).noise
+        start, model = starts[hypothesis], Model(None, delay=False)
+        with suppress(JointIdError):
+            fits[hypothesis] = fit_model(right[hypothesis], prior, start, noise, model)
+    # Angle and torque fit alike, with opposite couplings.
+    M2 = np.array([inertia.M2 for inertia in inertias])
+    off = {h: np.abs(M2 - [own.M2 for own in fit.inertias]).sum() for h, fit in fits.items()}
+    best = min(off, key=off.__getitem__, default=None)
+    return None if best is None else (best, fits[best].misfit)
+
+
+def _signs(tried: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Each reversed sign of one signal, once."""
+    signs = (h for h in tried if h.kind in ("angle", "torque") and np.all(np.abs(h.scale) == 1))
+    return list({h.scale.tobytes(): h for h in signs}.values())
+
+
+def _of_one_sign(found: list[Hypothesis]) -> list[Hypothesis]:
+    """The hypotheses if all of them reverse the same joints, else none."""
+    return found if len({tuple(np.flatnonzero(h.factor < 0)) for h in found}) == 1 else []
 
 
 def _supplies_power(phasors: Phasors, hypothesis: Hypothesis) -> bool:
@@ -169,7 +224,11 @@ def _ratio(measured: Floats | None, inertias: Sequence[Inertia]) -> Floats:
     if measured is None:
         return np.ones(len(expected))
     ratio = np.diag(measured) / np.diag(expected)
-    return np.where((ratio > 1 / _RIGHT) & (ratio < _RIGHT), 1.0, ratio)
+    return np.where(_is_small(ratio), 1.0, ratio)
+
+
+def _is_small(ratio: Floats) -> np.ndarray:
+    return np.asarray((ratio > 1 / INACCURATE) & (ratio < INACCURATE))
 
 
 def _on_sides(factor: Floats) -> list[Hypothesis]:

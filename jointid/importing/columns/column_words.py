@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
+import numpy as np
+
+from jointid.arrays import Floats
 from jointid.importing.columns.log_table import LogColumn
 from jointid.importing.columns.units import ANGLE_UNITS, QUANTITIES, SAMPLES, TIME_UNITS
 
@@ -84,6 +87,10 @@ _OBJECTS = {
 _OBJECT = re.compile(
     r"(?<![0-9a-z])(?:0x(6[0-9a-f]{3})|(6[0-9a-f]{3})h|(6[0-9a-f]{3})(?=:))(?![0-9a-z])"
 )
+
+
+RATED_SHARE = re.compile(r"(?i)\b(?:torque|current)[ _]?actual[ _]?value")
+"""Names of the objects 6077h and 6078h of CiA 402, in thousandths of the rated value as INT16."""
 
 
 _PARAMETER = re.compile(
@@ -219,6 +226,13 @@ def drive_object(name: str) -> str:
     found = _OBJECT.search(name.lower())
     words = _object_words(found).strip() if found else ""
     return words if found and words != found[0] else ""
+
+
+def in_thousandths(name: str, values: Floats) -> bool:
+    """Whether whole numbers have a name that CiA 402 gives to thousandths of a rated value."""
+    finite = values[np.isfinite(values)]
+    whole = bool(np.any(finite)) and bool(np.all(finite == np.round(finite)))
+    return whole and RATED_SHARE.search(name) is not None
 
 
 def words_of(name: str) -> tuple[str, ...]:

@@ -11,9 +11,11 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.importing.columns.column_words import (
+    RATED_SHARE,
     WORDS,
     all_described,
     drive_object,
+    in_thousandths,
     states_quantity,
     words_of,
 )
@@ -185,8 +187,15 @@ def _angle_unit(column: LogColumn, degrees: bool) -> _Said:
 def _torque_unit(column: LogColumn) -> _Said:
     if drive_object(column.name):
         return "‰", False, "Torque and current of CiA 402 are thousandths of the rated value."
+    named = RATED_SHARE.search(column.name)
+    if named and in_thousandths(column.name, column.values):
+        why = f'Whole numbers under CiA 402\'s name "{named[0]}": thousandths of the rated value.'
+        return "‰", False, why
     if WORDS["current"] & set(words_of(column.name)):
         return "A", False, "The name indicates current; ampere is assumed."
+    if named:
+        why = f'"{named[0]}" is in thousandths in CiA 402, but these are not whole numbers'
+        return "N·m", False, f"{why}; newton metres are assumed."
     return "N·m", False, "The file names no unit; newton metres are assumed."
 
 

@@ -29,9 +29,11 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         lines = [";".join(value for _, value in _PAIR.findall(row)) for row in lines]
     else:
         names, lines[head] = lines[head].split(";"), ""
-    columns = columns_of(file, lines, names, first_line=2)
+    notes: list[str] = []
+    columns = columns_of(file, lines, names, first_line=2, notes=notes)
     time = np.arange(len(columns[0]), dtype=np.float64) * period_s
-    return tables_of_signals(file, [Signal(n, time, v) for n, v in zip(names, columns, strict=True)])
+    signals = [Signal(n, time, v) for n, v in zip(names, columns, strict=True)]
+    return tables_of_signals(file, signals, notes)
 
 
 READERS = {"halscope": Reader("a halscope capture", text_matches(_HEAD.pattern), read)}

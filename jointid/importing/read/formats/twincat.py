@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.importing.columns.column_words import RATED_SHARE, in_thousandths
 from jointid.importing.columns.log_table import LogTable
 from jointid.importing.read.clocks import Signal, tables_of_signals
 from jointid.importing.read.reader import Reader, file_text, text_matches
@@ -57,6 +58,13 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             notes += [f'"{name.strip()}": {note}'] if note else []
             kept = np.isfinite(time) & np.isfinite(values)
             unit = of_channel.get("Unit", "").partition(" (")[0]
+            symbol = of_channel.get("SymbolName", "")
+            if not unit and not RATED_SHARE.search(name) and in_thousandths(symbol, values):
+                unit = "‰"
+                notes.append(
+                    f'"{name.strip()}": whole numbers of the symbol "{symbol}" are taken for '
+                    "thousandths of the rated value, as in CiA 402."
+                )
             signals.append(Signal(name.strip(), time[kept], values[kept], unit))
     otherwise = f"{file} holds no samples. Channels: {listed(names)}."
     return tables_of_signals(file, signals, notes, otherwise=otherwise)

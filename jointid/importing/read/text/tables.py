@@ -154,7 +154,7 @@ def _read_slowly(
             row.append(value)
         rows.append(row)
     if wrong is not None:
-        notes.append(f"The last line ({wrong[0]}) is cut short and was left out.")
+        notes.append(_cut_short(wrong[0]))
     for k, (count, line, text) in strange.items():
         notes.append(
             f"Column {layout.names[k] or k + 1}: {counted(count, 'cell')} without a number, "
@@ -170,6 +170,10 @@ def _read_slowly(
         if k in clocks:
             table[:, place] = clocks[k].seconds(table[:, place])
     return list(table.T)
+
+
+def _cut_short(line: int) -> str:
+    return f"The last line ({line}) is cut short and was left out."
 
 
 def _value(cell: str, layout: TextLayout) -> float | None:
@@ -189,19 +193,26 @@ def columns_of(
     decimal: str = "",
     first_line: int = 1,
     integers: Collection[int] = (),
+    notes: list[str] | None = None,
 ) -> list[Floats]:
     """Return a column for each of ``names`` from lines of numbers; blank lines are skipped.
 
     Missing cells at the end of a line are NaN; cells beyond ``names`` are dropped. The ``decimal``
     mark is by default a comma where the first lines have commas that separate no columns. Columns of
     large ``integers`` are int64: FILETIME ticks lose digits as float64. ``first_line`` is the number of
-    the first of the lines in the file. Raises JointIdError, with line and column, when a cell is not
-    a number; also when there are too many.
+    the first of the lines in the file. With ``notes``, a last line with fewer cells than the one before
+    is cut short, left out and noted, as in ``read_text_table``; without, columns may differ in length.
+    Raises JointIdError, with line and column, when a cell is not a number; also when there are too many.
     """
     width = len(names)
     decimal = decimal or ("," if separator != "," and any("," in x for x in lines[:2000]) else ".")
     require_few_values(file, len(lines) * width)
-    rows = [_row(line, separator, width) for line in lines if line.strip()]
+    kept = [(number, line) for number, line in enumerate(lines, start=first_line) if line.strip()]
+    if notes is not None and len(kept) > 1:
+        before, last = (line.count(separator) for _, line in kept[-2:])
+        if last < before:
+            notes.append(_cut_short(kept.pop()[0]))
+    rows = [_row(line, separator, width) for _, line in kept]
     if width > MAX_COLUMNS or not rows:
         raise JointIdError(
             f"{file} has {width} columns and {len(rows)} rows: export the log again, with one row "
@@ -211,7 +222,7 @@ def columns_of(
         text = "\n".join(rows).encode("utf-8", "replace")
         return parsed_columns(text, width, range(width), separator, decimal, _NULLS, integers)
     except ARROW_FAULTS as error:
-        for number, line in enumerate(lines, start=first_line):
+        for number, line in kept:
             cells = _row(line, separator, width).split(separator)
             for name, cell in zip(names, map(str.strip, cells), strict=True):
                 if not (is_missing(cell) or is_number(cell, decimal)):
