@@ -66,8 +66,8 @@ one of hysteresis: its waveform is computed in steps. They shifted K of a robot 
 0.06 %. The second holds for presliding where friction also varies with speed: Dahl is a rough model
 then."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
-"""Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low. Also
-by the five parts of a friction curve."""
+"""Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low.
+The same of a friction curve by its five parts."""
 _SLOPES_ACCURACY = np.array([1e-4, 3e-4])
 """The same of gears with three slopes in sines, by harmonics beyond those of the records: 90 % of the
 intervals by noise alone held K, off by some 0.02 %. Of transmission errors, too: the torque by which

@@ -219,15 +219,12 @@ class InertiaPrior:
         stated = np.where(phasors.motion, phasors.torque_delay_s, 0.0)
         lags = stated[:, None] + p.delay + p.effect("lag")
         rise = p["curve"].sum(axis=1) if "curve" in p.layout else 0.0
-        level, others = p.effect("coulomb") + p.effect("motor_presliding"), ("viscous", "load")
-        values = level, *map(p.effect, others), p.torque_scale, rise
-        coulomb, viscous, load, scale, rise = (
-            np.asarray(np.broadcast_to(each, phasors.n)) for each in values
-        )
-        return [
-            Motors(own, coulomb, viscous, load, np.broadcast_to(lag, phasors.n), scale, rise)
-            for own, lag in zip(M, lags, strict=True)
-        ]
+        level = p.effect("coulomb") + p.effect("motor_presliding")
+        values = level, p.effect("viscous"), p.effect("load"), p.torque_scale, rise
+        level, viscous, load, scale, rise = (np.broadcast_to(each, phasors.n) for each in values)
+        lags = np.broadcast_to(lags, (len(M), phasors.n))
+        rotors = zip(M, lags, strict=True)
+        return [Motors(own, level, viscous, load, lag, scale, rise) for own, lag in rotors]
 
     def arms(self, p: Parameters) -> list[DrivenArms]:
         """Gears and arms of every record."""
