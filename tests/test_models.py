@@ -317,6 +317,27 @@ def test_a_model_is_sought_in_ten_records_per_joint(count: int, each: int, kept:
     assert search_of(phasors=phasors).few_rows(100).size == count
 
 
+@pytest.mark.parametrize(("misfit", "fitted"), [(1.0, True), (2.0, False)])
+def test_a_law_that_explains_motions_is_pruned_beyond_the_limit_on_fits(
+    misfit: float, fitted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With an uncertain part it could not be chosen: a wrong law was, with K off by 140 %."""
+    both = PLAIN.with_part("cubic").with_part("hysteresis")
+    seen: list[Model] = []
+
+    def fit_model(*given: Any, **_: Any) -> None:
+        seen.append(given[4])
+        raise JointIdError("does not converge")
+
+    monkeypatch.setattr(model_search, "fit_model", fit_model)
+    found = estimate(both, misfit=misfit, cubic=0.1, hysteresis=99.0, presliding=99.0)
+    phasors = SimpleNamespace(motion=np.array([True]))
+    search = search_of({both: found}, ("cubic", "hysteresis"), phasors, slow_fits=99)
+    search._waveforms[None, False] = None
+    search.pruned(both)
+    assert seen == [both.without("cubic")] * fitted
+
+
 def test_a_search_in_some_rows_has_their_noise_and_equations() -> None:
     search = search_of(phasors=sines(np.arange(1.0, 25)), optional=("lag",), first=(RUBBING,))
     few = search.of_rows(np.array([3, 5, 9]))

@@ -42,6 +42,7 @@ from jointid.reporting.figures import (
     cut_figure,
     element_figure,
     single_record_figure,
+    torsion_figure,
 )
 from jointid.reporting.report import make_report, to_html, to_pdf
 from jointid.wording import with_error
@@ -362,6 +363,20 @@ def test_the_identified_line_runs_through_the_points(analyses: dict[int, Analysi
     x, y = lines[0].points.T
     points = marks(drawing)[0].points
     assert np.abs(np.interp(points[:, 0], x, y) - points[:, 1]).max() < 2.0
+
+
+def test_measured_torsion_loops_are_closed_between_their_bounds(analyses: dict[int, Analysis]) -> None:
+    curve = analyses[2].fit.torsion_curves[0]
+    loops = [s for s in torsion_figure(analyses[2], 0).shapes if isinstance(s, Line) and s.width == 0.5]
+    loops = [loop for loop in loops if len(loop.points) == curve.torque_Nm[0, ::2].size + 1]
+    bounds = [s for s in torsion_figure(analyses[2], 0).shapes if isinstance(s, Line) and s.width == 0.2]
+    assert len(loops) == min(10, curve.torque_Nm.shape[0])
+    assert len(bounds) == 2 * len(loops)
+    for k, loop in enumerate(loops):
+        low, high = (each.points for each in bounds[2 * k : 2 * k + 2])
+        np.testing.assert_array_equal(loop.points[0], loop.points[-1])
+        assert low[0, 1] > loop.points[0, 1] > high[0, 1]  # downwards on the page
+    assert len({loop.colour for loop in loops}) > 2
 
 
 def test_every_record_alone_is_drawn(analyses: dict[int, Analysis]) -> None:

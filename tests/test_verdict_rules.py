@@ -1338,8 +1338,8 @@ def test_laws_of_gears_are_those_of_the_gears_that_have_them(monkeypatch: pytest
     assert cubic.title == "A gear hardens"
     assert cubic.remedy == (
         "K is the tangent stiffness at zero torque. Measure at the amplitude of the application. "
-        "Largest motor torques in the records: 1.5 N·m (joint 1) and 2.5 N·m (joint 2). Measure at two "
-        "amplitudes."
+        "Largest torques of the gears in the records, at the motor: 1.5 N·m (joint 1) and 2.5 N·m "
+        "(joint 2). Measure at two amplitudes."
     )
     assert "joint 1" not in backlash.detail
     assert "0.002 s at the motor (joint 2, 6.88 arcmin, 3.0 % of the peak-to-peak" in backlash.detail

@@ -213,7 +213,9 @@ class Search:
         start = without_inertias(self.phasors, self.prior) if self.prior.inertia_std else None
         return () if start is None else (start,)
 
-    def fit(self, model: Model, start: Parameters, *, compares: bool = True) -> None:
+    def fit(
+        self, model: Model, start: Parameters, *, compares: bool = True, is_limited: bool = True
+    ) -> None:
         """Fit a model; of two fits from different starts the better one stays.
 
         The number of fits with a law is limited where they compare models, not where they seek a start.
@@ -228,7 +230,7 @@ class Search:
             others = self.has_motions and compares and laws not in self.laws
             most = _MOST_SLOW_FITS_OF_MOTIONS if self.has_motions else _MOST_SLOW_FITS
             is_last = laws == ["piecewise"] and others  # in place of a cubic law: K may differ much
-            if not is_last and (
+            if (is_limited and not is_last) and (
                 self.slow_fits >= most or (others and len(self.laws) >= _MOST_LAWS_OF_MOTIONS)
             ):
                 tried.setdefault(
@@ -318,7 +320,10 @@ class Search:
         return self._scores[model][1]
 
     def pruned(self, model: Model) -> Model:
-        """The best of a model and of those without its uncertain parts."""
+        """The best of a model and of those without its uncertain parts.
+
+        One that explains the data is pruned beyond the limit on fits: an uncertain part excludes it.
+        """
         fits, found = self.fits, self.fits.estimate(model)
         if found is None:
             return model
@@ -326,7 +331,8 @@ class Search:
         for narrow in models[1:]:
             far = fits.misfit(narrow) > NEEDED * max(1.0, found.misfit)
             if far and self.may_start_again(narrow) and not fits.is_behind(narrow, model):
-                self.fit(narrow, with_delay(found.named))  # from other starts it may have diverged
+                # From other starts it may have diverged.
+                self.fit(narrow, with_delay(found.named), is_limited=found.misfit > EXPLAINED)
         best = fits.least([each for each in models if each in fits.tried])
         return best if best == model else self.pruned(best)
 

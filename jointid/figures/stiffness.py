@@ -92,22 +92,20 @@ def torsion_curve(
     size, unit_of_size = curve.frequency_hz, "Hz"
     if colour_by == "amplitude":
         size, unit_of_size = scale.torque * curve.amplitude_Nm, "N·m"
-    height = np.log(np.maximum(size, np.finfo(float).tiny))
-    ends = sorted(drawn_records(curve.amplitude_Nm), key=lambda r: height[r])
-    span = max(float(np.ptp(height[ends])), 1e-9) if ends else 1.0
+    inks = record_colours(size, drawn_records(curve.amplitude_Nm))
+    ends = list(inks)
     widths = 2 * scale.torque * curve.noise_beside(gear)
     named = dict.fromkeys(ends[:1], "")
     if len({f"{size[r]:.3g}" for r in ends}) > 1:
         named = {ends[0]: "from ", ends[-1]: "to "}
-    for r in ends:
-        share = (height[r] - height[ends[0]]) / span * (len(_SCALE) - 1)
+    for r, colour in inks.items():
         x, y, half = (np.append(v[r], v[r, 0]) for v in (wind_up, torque, widths))
-        name, colour = f"{named.get(r, '')}{size[r]:.3g} {unit_of_size}", _SCALE[round(float(share))]
+        name = f"{named.get(r, '')}{size[r]:.3g} {unit_of_size}"
         record = f"{curve.frequency_hz[r]:.3g} Hz, {scale.torque * curve.amplitude_Nm[r]:.3g} N·m"
         measured = f"%{{x:.4g}} {scale.angle}<br>%{{y:.4g}} ± %{{customdata:.2g}} N·m"
         style: Trace = {"customdata": half, "showlegend": r in named}
         style["hovertemplate"] = f"{measured}<extra>{record}</extra>"
-        if np.count_nonzero(np.diff(np.signbit(x))) > _MOST_TURNS:  # a motion: its lines would hide it
+        if turns_often(x):
             sketch.points(x, y, name, colour, marker={"size": 4, "opacity": 0.5}, **style)
             continue
         band = {"fill": "toself", "hoverinfo": "skip", "showlegend": False, "opacity": 0.25}
@@ -126,6 +124,20 @@ def torsion_curve(
     across = linear_axis(f"Deflection ({scale.angle}, {scale.side})")
     upwards = linear_axis(f"Torque (N·m, {scale.side})")
     return sketch.figure(across, upwards, height=420, legend={"itemsizing": "constant"})  # small dots
+
+
+def record_colours(size: Floats, drawn: Sequence[int]) -> dict[int, str]:
+    """Colours of records by their frequency or amplitude, the smallest first."""
+    height = np.log(np.maximum(size, np.finfo(float).tiny))
+    order = sorted(drawn, key=lambda r: height[r])
+    span = max(float(np.ptp(height[order])), 1e-9) if order else 1.0
+    share = {r: float((height[r] - height[order[0]]) / span) for r in order}
+    return {r: _SCALE[round(share[r] * (len(_SCALE) - 1))] for r in order}
+
+
+def turns_often(deflection: Floats) -> bool:
+    """Whether a record is a motion whose lines would hide each other: points show it better."""
+    return bool(np.count_nonzero(np.diff(np.signbit(deflection))) > _MOST_TURNS)
 
 
 def drawn_records(amplitude: Floats) -> list[int]:

@@ -24,7 +24,7 @@ from jointid.figures.response_curves import (
     phases_deg,
     single_record_curves,
 )
-from jointid.figures.stiffness import drawn_records
+from jointid.figures.stiffness import drawn_records, record_colours, turns_often
 from jointid.figures.style import LIGHT
 from jointid.reporting.drawing import Drawing, Line, Marks, Symbol, Text
 from jointid.wording import minus, significant
@@ -92,16 +92,25 @@ def single_record_figure(analysis: Analysis, joint: int, *, pose: str = "") -> D
 
 
 def torsion_figure(analysis: Analysis, joint: int, *, width: float = PAGE_WIDTH / 2) -> Drawing:
-    """Measured torque of one gear over its deflection, and the fitted law; the joint from 0."""
+    """Measured torque of one gear over its deflection, and the fitted law; the joint from 0.
+
+    Coloured by frequency; thin lines bound ± two standard errors.
+    """
     curve, gear = analysis.fit.torsion_curves[joint], analysis.fit.gears[joint]
     scale = analysis.unit.of_gear(joint)
     wind_up, torque = scale.wind_up * curve.deflection_rad, scale.torque * curve.torque_Nm
-    x, y = (1.08 * np.abs(v).max(initial=0.0) or 1.0 for v in (wind_up, torque))
+    drawn, band = drawn_records(curve.amplitude_Nm), 2 * scale.torque * curve.noise_beside(gear)
+    tops = np.abs(wind_up), (np.abs(torque) + band)[drawn]
+    x, y = (1.08 * top.max(initial=0.0) or 1.0 for top in tops)
     frame = _Frame(36.0, 6.0, width - 42.0, 130, (-x, x), (-y, y))
     shapes = _frame(frame, _linear_ticks(x), _linear_ticks(y))
-    for r in drawn_records(curve.amplitude_Nm):
-        loop = frame.place(wind_up[r, ::2], torque[r, ::2])
-        shapes.append(Line(loop, LIGHT.measured, 0.5, opacity=0.6))
+    for r, colour in record_colours(curve.frequency_hz, drawn).items():
+        if turns_often(wind_up[r]):
+            shapes.append(Marks(frame.place(wind_up[r, ::2], torque[r, ::2]), colour, size=0.8))
+            continue
+        for width_of_line, step, away in ((0.2, 4, -band[r]), (0.2, 4, band[r]), (0.5, 2, 0 * band[r])):
+            across, up = (np.append(v[::step], v[0]) for v in (wind_up[r], torque[r] + away))
+            shapes.append(Line(frame.place(across, up), colour, width_of_line))
     tried = np.linspace(-gear.tried_rad, gear.tried_rad, 101)
     law = frame.place(scale.wind_up * tried, scale.torque * gear.torque(tried))
     shapes.append(Line(law, LIGHT.identified, 1.6))

@@ -184,4 +184,5 @@ def _settled_by(evidence: Evidence) -> str:
     tried = enumerated(
         [f"{significant(gear.tried_Nm, 2)} N·m (joint {j})" for j, gear in enumerate(fit.gears, start=1)]
     )
-    return f"Largest motor torques in the records: {tried}. {second_amplitude(fit)}".strip()
+    largest = f"Largest torques of the gears in the records, at the motor: {tried}."
+    return f"{largest} {second_amplitude(fit)}".strip()
