@@ -273,7 +273,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "uncertainty_pages::the_bootstrap_agrees_with_the_stated_errors": (),
     "validation::prediction_errors_have_the_stated_size": ("maximum-likelihood-1", "least-squares-2"),
     "validation::prediction_with_friction": (),
-    "verdict::a_very_large_misfit_is_a_problem_beside_any_cause": (),
+    "verdict::beside_a_very_large_misfit_no_dependence_on_the_amplitude_is_stated": (),
     "verdict::exchanged_joints_and_wrong_units_are_found_with_uncertain_inertias": (
         "sound*",
         "<lambda>-inertia4*",
