@@ -221,6 +221,13 @@ def test_rounding_within_the_band_gives_a_misfit_near_one(noise_Nm: float, warni
     assert len(list(model_limits(evidence))) == warnings
 
 
+def test_sines_alone_have_no_noise_of_motions() -> None:
+    """Its comparison stacked no segments."""
+    study = load_study(SAMPLE.with_name("paper.zip"))
+    fit = identify_motion(study.records, study.inertia, inertia_std=study.inertia_std)
+    np.testing.assert_allclose(fit.K, [43.0, 7.5], rtol=1e-3)
+
+
 def test_sines_and_motions_are_fitted_together() -> None:
     t = np.arange(2000) / 1000
     motion = records(SHORT)[0]

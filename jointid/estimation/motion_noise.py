@@ -88,21 +88,25 @@ def with_torque_noise(
 def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:
     """Whether the variances of motions differ by more than ``same`` times the smaller (RMS).
 
-    Or the friction that is unknown near reversals by ``_OTHER_FRICTION``.
+    Or the friction that is unknown near reversals by ``_OTHER_FRICTION``. Sines alone have neither.
     """
-    pairs = zip(_sizes(one.select(one.motion)), _sizes(other.select(one.motion)), strict=True)
-    for (before, after), most in zip(pairs, (same, _OTHER_FRICTION), strict=True):
-        least = np.minimum(before, after)
-        change = np.divide(before - after, least, out=np.zeros_like(least), where=least > 0)
-        if np.any(np.sqrt(np.mean(change**2, axis=0)) > most):
-            return True
-    return False
+    if not one.motion.any():
+        return False
+    variances = (
+        np.einsum("rhjj->rj", each.harmonic_covariance[one.motion]).real for each in (one, other)
+    )
+    unknown = (
+        np.stack([own.unknown_Nm * np.ones(each.n) for own in each.segments if own is not None])
+        for each in (one, other)
+    )
+    return _change(*variances) > same or _change(*unknown) > _OTHER_FRICTION
 
 
-def _sizes(motions: Phasors) -> tuple[Floats, Floats]:
-    """Variances, and unknown friction where there is some, of the joints in every row."""
-    unknown = [each.unknown_Nm * np.ones(motions.n) for each in motions.segments if each is not None]
-    return np.einsum("rhjj->rj", motions.harmonic_covariance).real, np.stack(unknown)
+def _change(before: Floats, after: Floats) -> float:
+    """Largest relative change of a joint's values, (r, n), over the smaller ones (RMS)."""
+    least = np.minimum(before, after)
+    change = np.divide(before - after, least, out=np.zeros_like(least), where=least > 0)
+    return float(np.sqrt(np.mean(change**2, axis=0)).max())
 
 
 def noise_of_rows(phasors: Phasors, prior: InertiaPrior) -> Noise:
