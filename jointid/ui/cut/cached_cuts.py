@@ -113,9 +113,8 @@ def _begin(
 def begin_overview(page: Page, analysis: Analysis) -> None:
     """Begin the cuts of ``overview``, which shows what prevents them."""
     with suppress(JointIdError):
-        robot = cut_robot(analysis)
-        if robot.rule != "demonstration":
-            _begun(page, usual(robot), analysis)
+        if settings := _of_overview(analysis):
+            _begun(page, settings, analysis)
 
 
 def overview(page: Page, analysis: Analysis) -> Outcome | None:
@@ -123,7 +122,10 @@ def overview(page: Page, analysis: Analysis) -> Outcome | None:
 
     None where no cut applies. Raises JointIdError as in :func:`jointid.cut.outcome.study_outcome`.
     """
+    settings = _of_overview(analysis)
+    return None if settings is None else outcome(page, settings, analysis)
+
+
+def _of_overview(analysis: Analysis) -> CutSettings | None:
     robot = cut_robot(analysis)
-    if robot.rule == "demonstration":
-        return None
-    return outcome(page, usual(robot), analysis)
+    return None if robot.rule == "demonstration" else usual(robot)
