@@ -1,14 +1,16 @@
-"""A grey-box fit in the time domain: K, D, Coulomb and viscous friction of two joints, compiled.
+"""A grey-box fit in the time domain: K, D, friction and, if unknown, inertias of two joints, compiled.
 
 Its best use: the linear part advances exactly (matrix exponential, torque held over the sample) and
 friction is set-valued at rest, so the model can be the robot itself; all records in parallel; the
-initial state follows from the harmonics of each record and the friction at hand; the measured torque
-moves the model in open loop, so a high-pass filter below the excitation removes the drift; logarithms of
-K and D, bounds, scaled columns; a second fit weighs records by the residuals of the first.
+initial state is rest, or follows from the harmonics of a sine record and the friction at hand; the
+measured torque moves the model in open loop, so a high-pass filter below the excitation removes the
+drift; logarithms of positive parameters, bounds, scaled columns; a second fit weighs records by the
+residuals of the first.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +19,7 @@ from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.signal import butter
 
-from jointid import Inertia, Phasors, SineRecord, extract_phasors
+from jointid import Inertia, MotionRecord, Phasors, SineRecord, extract_phasors
 
 AVERAGED = 8
 """Residuals of so many samples are averaged: they hold nothing faster, and the Jacobian stays small."""
@@ -40,18 +42,31 @@ class TimeData(NamedTuple):
 
 class TimeAnswer(NamedTuple):
     p: np.ndarray
-    """K1, K2, D1, D2, Fc1, Fc2, Fv1, Fv2."""
+    """K1, K2, D1, D2, Fc1, Fc2, Fv1, Fv2, and unless they are known M1, M2, M2_11, M2_22, M2_12."""
     cost: float
     simulations: int
 
 
 def prepare(records: tuple[SineRecord, ...], inertia: Inertia) -> TimeData:
     """Everything that does not depend on the parameters."""
-    rate = 1 / records[0].interval_s
+    states = initial_states(extract_phasors(records, harmonics=31), inertia)
+    return _prepared(records, [r.frequency_hz for r in records], states)
+
+
+def prepare_motions(records: Sequence[MotionRecord], lowest_hz: float) -> TimeData:
+    """The same of motions that begin at rest; their excitation begins at ``lowest_hz``."""
+    return _prepared(records, [lowest_hz] * len(records), np.zeros((len(records), 8, 5)))
+
+
+def _prepared(
+    records: Sequence[SineRecord | MotionRecord], lowest_hz: Sequence[float], initial: np.ndarray
+) -> TimeData:
+    interval_s = float(np.diff(records[0].time_s[:2])[0])
+    rate = 1 / interval_s
     sizes = [r.time_s.size for r in records]
-    skip = np.array([round(SKIPPED_PERIODS * rate / r.frequency_hz) for r in records])
+    skip = np.array([round(SKIPPED_PERIODS * rate / f) for f in lowest_hz])
     kept = [(size - s) // AVERAGED for size, s in zip(sizes, skip, strict=True)]
-    sections = [butter(4, 0.5 * r.frequency_hz, "highpass", fs=rate, output="sos") for r in records]
+    sections = [butter(4, 0.5 * f, "highpass", fs=rate, output="sos") for f in lowest_hz]
     return TimeData(
         tau=np.concatenate([r.tau_Nm for r in records]),
         theta=np.concatenate([r.theta_rad for r in records]),
@@ -59,8 +74,8 @@ def prepare(records: tuple[SineRecord, ...], inertia: Inertia) -> TimeData:
         filters=np.array(sections),
         skip=skip,
         rows=np.concatenate([[0], np.cumsum(kept)]),
-        initial=initial_states(extract_phasors(records, harmonics=31), inertia),
-        interval_s=records[0].interval_s,
+        initial=initial,
+        interval_s=interval_s,
     )
 
 
@@ -91,8 +106,8 @@ def initial_states(phasors: Phasors, inertia: Inertia) -> np.ndarray:
 
 
 def fit(data: TimeData, inertia: Inertia, start: np.ndarray) -> TimeAnswer:
-    """Fit all eight parameters from one start."""
-    count = 0
+    """Fit from one start; with 13 parameters the inertias are free, with eight they are given."""
+    count, size = 0, len(start)
 
     def simulated(points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         nonlocal count
@@ -100,9 +115,9 @@ def fit(data: TimeData, inertia: Inertia, start: np.ndarray) -> TimeAnswer:
         return residuals(_values(points), data, inertia, weights)
 
     # Friction may be nothing, of which there is no logarithm.
-    x = np.concatenate([np.log(start[:4]), start[4:] / _FRICTION_UNIT])
-    lower = np.concatenate([x[:4] - np.log(1e3), np.zeros(4)])
-    upper = np.concatenate([x[:4] + np.log(1e3), np.full(4, 1e3)])
+    x = np.concatenate([np.log(start[:4]), start[4:8] / _FRICTION_UNIT, np.log(start[8:])])
+    lower, upper = x - np.log(1e3), x + np.log(1e3)
+    lower[4:8], upper[4:8] = 0.0, 1e3
     amplitude = np.sqrt(
         [(data.theta[b:e] ** 2).mean(axis=0) for b, e in zip(data.begin, data.begin[1:], strict=False)]
     )
@@ -112,7 +127,7 @@ def fit(data: TimeData, inertia: Inertia, start: np.ndarray) -> TimeAnswer:
 
         def jacobian(x: np.ndarray, weights: np.ndarray = weights) -> np.ndarray:
             step = 1e-5
-            moved = simulated(np.vstack([x, x + step * np.eye(8)]), weights)
+            moved = simulated(np.vstack([x, x + step * np.eye(size)]), weights)
             return ((moved[1:] - moved[0]) / step).T
 
         found = least_squares(
@@ -134,13 +149,14 @@ def fit(data: TimeData, inertia: Inertia, start: np.ndarray) -> TimeAnswer:
 
 
 def _values(x: np.ndarray) -> np.ndarray:
-    return np.concatenate([np.exp(x[:, :4]), x[:, 4:] * _FRICTION_UNIT], axis=1)
+    return np.concatenate([np.exp(x[:, :4]), x[:, 4:8] * _FRICTION_UNIT, np.exp(x[:, 8:])], axis=1)
 
 
 def residuals(p: np.ndarray, data: TimeData, inertia: Inertia, weights: np.ndarray) -> np.ndarray:
     """High-passed, averaged, weighted differences of the motor angles, (points, 2 · rows)."""
-    steps = np.array([_step(each, data.interval_s, inertia) for each in p])
-    friction = np.concatenate([np.ones((len(p), 1)), p[:, 4:]], axis=1)
+    masses = [inertia_of(each) if each.size > 8 else inertia for each in p]
+    steps = np.array([_step(*each, data.interval_s) for each in zip(p, masses, strict=True)])
+    friction = np.concatenate([np.ones((len(p), 1)), p[:, 4:8]], axis=1)
     initial = np.einsum("rsk,pk->prs", data.initial, friction)
     out = np.zeros((len(p), data.rows[-1], 2))
     _simulate(
@@ -150,9 +166,14 @@ def residuals(p: np.ndarray, data: TimeData, inertia: Inertia, weights: np.ndarr
     return out.reshape(len(p), -1)
 
 
-def _step(p: np.ndarray, interval_s: float, inertia: Inertia) -> np.ndarray:
+def inertia_of(p: np.ndarray) -> Inertia:
+    """Return the inertias among the parameters."""
+    return Inertia(p[8:10], [[p[10], p[12]], [p[12], p[11]]])
+
+
+def _step(p: np.ndarray, inertia: Inertia, interval_s: float) -> np.ndarray:
     """State and torque to the next state, (8, 10)."""
-    K, D, viscous = np.diag(p[:2]), np.diag(p[2:4]), np.diag(p[6:])
+    K, D, viscous = np.diag(p[:2]), np.diag(p[2:4]), np.diag(p[6:8])
     mass = np.zeros((4, 4))
     mass[:2, :2], mass[2:, 2:] = np.diag(inertia.M), inertia.M2
     forces = np.block([[-K, K, -D - viscous, D], [K, -K, D, -D]])

@@ -156,6 +156,33 @@ def interleaved(
     return {name: Timing(np.array(times[name]), np.array(ratios[name])) for name in contenders}
 
 
+def beside(
+    slow: Callable[[Any], np.ndarray], unit: Callable[[Any], object], data: Sequence[Any]
+) -> tuple[np.ndarray, Timing]:
+    """Time ``slow`` once for each of the data; ``unit`` runs right before and after it.
+
+    The mean of both is the unit of the ratio.
+    """
+    found, seconds, ratios = [], [], []
+    for each in data:
+        before = _seconds(unit, each)
+        begin = time.perf_counter()
+        found.append(slow(each))
+        seconds.append(time.perf_counter() - begin)
+        ratios.append(2 * seconds[-1] / (before + _seconds(unit, each)))
+    return np.array(found), Timing(np.array(seconds), np.array(ratios))
+
+
+def _seconds(call: Callable[[Any], object], each: Any) -> float:
+    """Median of three."""
+    times = []
+    for _ in range(3):
+        begin = time.perf_counter()
+        call(each)
+        times.append(time.perf_counter() - begin)
+    return float(np.median(times))
+
+
 def optional(name: str) -> ModuleType | None:
     """Import an optional library."""
     try:

@@ -1,4 +1,4 @@
-"""The same eight parameters by MuJoCo's own system identification, mujoco.sysid.
+"""The same parameters by MuJoCo's own system identification, mujoco.sysid.
 
 Its best use, found by trial: sliding joints (the model is linear, an angle is as good as a length), the
 coupling inertia as a mass that both arm coordinates move, a fixed tendon as the spring, friction loss
@@ -30,6 +30,7 @@ if not hasattr(sysid, "optimize"):  # it swallows the error of its own missing l
 SPAN = np.log(30.0)
 """Of the bounds; farther out its integrator becomes unstable, and the toolbox raises an error."""
 NAMES = ("K1", "K2", "D1", "D2", "Fc1", "Fc2", "Fv1", "Fv2")
+MASSES = ("m1", "m2", "a1", "a2", "armature")
 
 
 def model(inertia: Inertia, interval_s: float) -> mujoco.MjSpec:
@@ -77,15 +78,24 @@ def _modifiers() -> list[Callable[[mujoco.MjSpec, Any], None]]:
 
     kinds = [("tendon", "s", "stiffness"), ("tendon", "s", "damping")]
     kinds += [("joint", "m", "frictionloss"), ("joint", "m", "damping")]
-    return [partial(into, kind, f"{letter}{j}", a) for kind, letter, a in kinds for j in (1, 2)]
+    found = [partial(into, kind, f"{letter}{j}", a) for kind, letter, a in kinds for j in (1, 2)]
+    found += [partial(into, "body", name, "mass") for name in MASSES[:4]]
+    return [*found, partial(into, "joint", "a2", "armature")]
 
 
 def fit(data: TimeData, inertia: Inertia, start: np.ndarray, iterations: int = 15) -> np.ndarray:
-    """K1, K2, D1, D2, Fc1, Fc2, Fv1, Fv2; more iterations change them by less than a thousandth."""
+    """K1, K2, D1, D2, Fc1, Fc2, Fv1, Fv2; more iterations change them by less than a thousandth.
+
+    A start of 13 values leaves the inertias free; theirs follow in the order of ``grey_box_time``.
+    """
     logging.getLogger("absl").setLevel(logging.ERROR)
-    x0 = np.log(np.maximum(start, 1e-6))
+    masses = (
+        [*start[8:10], start[10] - start[12], start[12], start[11] - start[12]] if start[8:].size else []
+    )
+    x0 = np.log(np.maximum([*start[:8], *masses], 1e-6))
     params = sysid.ParameterDict()
-    for name, value, modifier in zip(NAMES, x0, _modifiers(), strict=True):
+    named = list(zip((*NAMES, *MASSES), _modifiers(), strict=True))[: x0.size]
+    for (name, modifier), value in zip(named, x0, strict=True):
         params.add(sysid.Parameter(name, value, value - SPAN, value + SPAN, modifier=modifier))
     residual = residual_of(data, inertia)
     found, _ = sysid.optimize(
@@ -98,7 +108,10 @@ def fit(data: TimeData, inertia: Inertia, start: np.ndarray, iterations: int = 1
         max_iters=iterations,
         xtol=1e-4,
     )
-    return np.exp(found.as_vector())
+    p = np.exp(found.as_vector())
+    if p.size > 8:
+        p[10:] = p[10] + p[11], p[12] + p[11], p[11]
+    return p
 
 
 def residual_of(data: TimeData, inertia: Inertia) -> Callable[..., Any]:
@@ -137,7 +150,7 @@ def _rollout(data: TimeData, r: int, *, initial_states: Any, param_dicts: Any, *
     started = []
     for state, params in zip(initial_states, param_dicts, strict=True):
         moved = np.array(state)
-        moved[1:9] = data.initial[r] @ np.concatenate([[1.0], np.exp(params.as_vector()[4:])])
+        moved[1:9] = data.initial[r] @ np.concatenate([[1.0], np.exp(params.as_vector()[4:8])])
         started.append(moved)
     return sysid.sysid_rollout(initial_states=started, **rest)
 

@@ -22,7 +22,7 @@ from benchmarks.campaign import (
     TORQUE_NOISE_NM,
     simulated,
 )
-from benchmarks.harness import NOT_INSTALLED, Cell, Table, Timing, interleaved, optional
+from benchmarks.harness import NOT_INSTALLED, Cell, Table, Timing, beside, interleaved, optional
 from jointid import SineRecord, extract_phasors, identify_elasticity
 from jointid.estimation.estimators.maximum_likelihood import maximum_likelihood
 
@@ -85,7 +85,7 @@ def _campaign(friction: str, seed: int, effort: Effort) -> Records:
 def _case(friction: str, effort: Effort) -> Table:
     data = campaigns(friction, effort)
     estimators: dict[str, Estimator] = {
-        JOINTID: lambda r: _identified(r, "auto"),
+        JOINTID: _auto,
         "jointid, weighted": lambda r: _identified(r, "weighted"),
         "the paper's least squares (jointid)": lambda r: _identified(r, "least-squares"),
         "grey box in frequency (scipy), bounded": lambda r: _grey(r, "plain"),
@@ -166,6 +166,10 @@ def _identified(records: Records, method: str) -> np.ndarray:
     return np.concatenate([fit.K, fit.D])
 
 
+def _auto(records: Records) -> np.ndarray:
+    return _identified(records, "auto")
+
+
 def _grey(records: Records, weight: frequency.Weight) -> np.ndarray:
     return frequency.fit(frequency.measured(records), INERTIA, START, weight).p
 
@@ -180,7 +184,7 @@ def _expensive(data: list[Records], effort: Effort, *, with_mujoco: bool) -> lis
     from benchmarks import grey_box_time as in_time
 
     _grey_in_time(few[0], START)  # compiles
-    found, timing = _beside_jointid(lambda r: _grey_in_time(r, START)[:4], few)
+    found, timing = beside(lambda r: _grey_in_time(r, START)[:4], _auto, few)
     rows.append(_row(name, found, timing, _share_of_starts(few[0], effort)))
     if not with_mujoco:
         return rows
@@ -196,7 +200,7 @@ def _expensive(data: list[Records], effort: Effort, *, with_mujoco: bool) -> lis
         return mujoco_fit.fit(prepared, INERTIA, start, effort.mujoco_iterations)[:4]
 
     try:
-        found, timing = _beside_jointid(mujoco, few[:1])
+        found, timing = beside(mujoco, _auto, few[:1])
     except Exception as error:  # an alternative that fails is a row that says so
         reason = f"failed: {type(error).__name__}: {error}"
         return [*rows, {"estimator": name, "remark": reason[:120]}]
@@ -209,29 +213,6 @@ def _grey_in_time(records: Records, start: np.ndarray) -> np.ndarray:
 
     whole = np.concatenate([start, FRICTION_START])
     return in_time.fit(in_time.prepare(records, INERTIA), INERTIA, whole).p
-
-
-def _beside_jointid(estimator: Estimator, data: list[Records]) -> tuple[np.ndarray, Timing]:
-    """jointid right before and after each slow fit: their mean is the unit of its ratio."""
-    found, seconds, ratios = [], [], []
-    for records in data:
-        before = _seconds(lambda r=records: _identified(r, "auto"))
-        begin = time.perf_counter()
-        found.append(estimator(records))
-        seconds.append(time.perf_counter() - begin)
-        after = _seconds(lambda r=records: _identified(r, "auto"))
-        ratios.append(2 * seconds[-1] / (before + after))
-    return np.array(found), Timing(np.array(seconds), np.array(ratios))
-
-
-def _seconds(call: Callable[[], object]) -> float:
-    """Median of three."""
-    times = []
-    for _ in range(3):
-        begin = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - begin)
-    return float(np.median(times))
 
 
 def _share_of_starts(records: Records, effort: Effort) -> str:

@@ -122,6 +122,14 @@ def test_stiffness() -> None:
     assert len(starts.rows) == 7
 
 
+@pytest.mark.long
+def test_motion_peers() -> None:
+    (table,) = run("motion_peers")
+    for row, start in zip(table.rows, ("**jointid**", "grey box in time", "mujoco.sysid"), strict=True):
+        assert str(row["estimator"]).startswith(start)
+    assert all(float(str(table.rows[0][f"error of {name}, %"])) < 0.5 for name in ("K", "D", "M", "M2"))
+
+
 def test_simulation() -> None:
     robot, cut = run("simulation")
     errors = numbers(robot, "largest error of an angle")
