@@ -54,6 +54,8 @@ class Motion:
     encoder_counts: int = 65536
     declare_hold: bool = True
     seed: int = 0
+    rest_s: float = 0.1
+    """Longest rest between moves."""
     one_joint: int | None = None
     """Only this joint's reference moves."""
     warm_up_s: float = field(default=1.0)
@@ -107,7 +109,7 @@ def _reference(motion: Motion, t: Array, rng: np.random.Generator, joint: int, r
             part = at + step * x**3 * (10 - 15 * x + 6 * x * x)
             out[k : k + m] = part[: t.size - k]
             at, k = at + step, k + m
-            rest = round(rng.uniform(0.0, 0.1) * motion.sample_rate_hz)
+            rest = round(rng.uniform(0.0, motion.rest_s) * motion.sample_rate_hz)
             out[k : k + rest] = at
             k += rest
         return out
@@ -228,6 +230,10 @@ def others(quick: bool) -> Table:
         "4 kHz, 2^20 counts": (CELL, Motion(sample_rate_hz=4000, encoder_counts=2**20)),
         "multisine": (CELL, Motion("multisine")),
         "point to point": (CELL, Motion("moves")),
+        "point to point, long rests, 2^14 counts": (
+            CELL,
+            Motion("moves", encoder_counts=2**14, rest_s=1.0),
+        ),
         "three axes, three records": (MANUTEC, Motion("random", records=3)),
         "one axis, one record": (SINGLE, Motion("random", records=1)),
     }

@@ -705,8 +705,8 @@ def test_noise_of_torques_is_what_neighbouring_lines_do_not_explain() -> None:
     E = np.zeros((2, lines, 1, 2))
     E[..., 0], E[..., 1] = 2.0, 3.0
     segments = [
-        SimpleNamespace(record=k, lowest=11, highest=380, samples=samples, angle_variance=[steps])
-        for k in (0, 1)
+        SimpleNamespace(record=k, lowest=11, highest=380, samples=samples, angle_variance=variance)
+        for k, variance in ((0, np.full((380, 1), steps)), (1, np.full((380, 1), steps)))
     ]
     phasors: Any = SimpleNamespace(n=1, harmonics=q, segments=[*segments, None])
 

@@ -427,7 +427,8 @@ def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
         "least_torque_variance": np.array([1e-4, 1e-4]),
         "most_torque_variance": np.array([4e-4, 1]),
     }
-    limits |= {"angle_variance": np.array([1e-9, 2e-9]), "velocity_blur_s": np.array([1e-4, 0.1])}
+    angles = np.array([[1e-9, 2e-9], [1e-9, 2e-9], [1e-9, 4e-9]])  # of three lines
+    limits |= {"angle_variance": angles, "highest": 3, "velocity_blur_s": np.array([1e-4, 0.1])}
     segments = [segment_of(velocity, velocity, 0.01, record=k, **limits) for k in (0, 1, 4)]
     z = np.ones((4, 3, 4), complex)
     phasors = replace(
@@ -448,8 +449,8 @@ def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
     found = with_torque_noise(phasors, prior, torques, motors)
     kept = [[2e-4, 3e-4], [4e-4, 1e-4], [4e-4, 1.55e-4]]  # as given, limited, and the mean of both
     for row, (variance, each) in enumerate(zip(kept, found.segments[1:], strict=True), start=1):
-        whole = 4 / 300 * np.diag([1e-9, 2e-9, *variance])
-        np.testing.assert_allclose(found.harmonic_covariance[row], np.tile(whole, (3, 1, 1)), rtol=1e-9)
+        whole = [4 / 300 * np.diag([*angle, *variance]) for angle in angles]
+        np.testing.assert_allclose(found.harmonic_covariance[row], whole, rtol=1e-9)
         np.testing.assert_allclose(each.torque_variance, variance)
         np.testing.assert_allclose(each.unknown_Nm, [0.15, 0.2])
         largest = np.abs(velocity[1]).max()

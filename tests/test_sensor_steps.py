@@ -18,6 +18,7 @@ from jointid.phasors.sensor_steps import (
     _undithered,
     may_have_steps,
     quantum,
+    rounded_variance,
     sharing,
     unresolved_variance,
 )
@@ -32,6 +33,29 @@ def test_the_step_is_the_common_divisor(step: float, multiples: list[int], offse
     signal = step * (np.array(multiples) + offset)
     divisor = np.gcd.reduce(np.diff(multiples))
     assert quantum(signal) == pytest.approx(step * divisor, rel=1e-6)
+
+
+@pytest.mark.parametrize(("pause", "noise"), [(0, 0.0), (1500, 0.0), (1500, 1.0)])
+def test_rounding_of_moves_with_rests_is_larger_at_low_frequencies(pause: int, noise: float) -> None:
+    """In a rest the error stays the same; noise of a step dithers it."""
+    rng, N, H, step = np.random.default_rng(3), 2500, 100, 1e-4
+    moves = [rng.uniform(-1, 1) * (1 - np.cos(np.linspace(0, np.pi, 300))) for _ in range(80)]
+    parts = [np.concatenate([move, np.full(rng.integers(pause + 1), move[-1])]) for move in moves]
+    ends = np.cumsum([0.0, *(part[-1] for part in parts)])[:-1]
+    angle = np.concatenate([part + end for part, end in zip(parts, ends, strict=True)])
+    angle += noise * step * rng.standard_normal(angle.size)
+    logged = step * np.round(angle / step)
+    found, stated = np.zeros((2, H))
+    for begin in range(0, angle.size - N, N):
+        part = slice(begin, begin + N)
+        error = np.fft.rfft(logged[part] - angle[part])[1 : H + 1]
+        found += np.abs(error) ** 2 / N / (step**2 / 12)
+        variance = step**2 * (1 / 12 + noise**2)
+        stated += rounded_variance(logged[part], step, variance, H) / (step**2 / 12) - 12 * noise**2
+    ratio = [f.sum() / s.sum() for f, s in zip(np.split(found, 4), np.split(stated, 4), strict=True)]
+    assert max(ratio) < 1.35
+    assert min(ratio) > (0.3 if pause else 0.9)  # a move begins where the rest ended, without a jump
+    assert (found[:5].sum() > 5 * found[-5:].sum()) == (pause > 0 and noise == 0)
 
 
 def test_signals_without_steps_give_zero() -> None:

@@ -75,13 +75,12 @@ def with_torque_noise(
             torque = torques.get(segment.record, usual)
             torque = np.where(np.isnan(torque), segment.torque_variance, torque)
             torque = np.clip(torque, least, np.maximum(most, least))
-            variance = np.concatenate([segment.angle_variance, torque])
-            covariance[row] = 4 / segment.samples * np.diag(variance)
             braked = np.maximum(segment.friction_at_reversals(motors[row]), 0)
             unknown = np.minimum(braked / motors[row].torque_scale, overcome)
             late = braked / prior.M[prior.rotor[row]] * segment.velocity_blur_s
             late = np.minimum(late, _LATEST * np.abs(segment.velocity).max(axis=1))
-            segments[row] = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
+            own = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
+            segments[row], covariance[row, : own.highest] = own, own.covariance
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
 
 

@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.motion.band import HIGHEST, proposed_band
 from jointid.motion.noise import repeated_variances, sensor_variances
@@ -20,6 +20,7 @@ from jointid.motion.sampling import UniformPart, uniform_parts
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Segment, bins_of
+from jointid.phasors.sensor_steps import quantum, rounded_variance
 from jointid.records import MotionRecord
 
 _SEGMENT_S, _PERIODS = 2.5, 40.0
@@ -53,7 +54,7 @@ def motion_phasors(
         parts = uniform_parts(record, index, name)
         band, least_s, variance, limits = _band_and_noise(record, parts, M[index], widened, most_hz)
         found += [
-            _row(segment, samples, variance, record, name, part.held)
+            _row(segment, samples, record, name, part.held)
             for part in parts
             for segment, samples in _segments(part, band, least_s, variance, limits, record)
         ]
@@ -143,7 +144,7 @@ def _segments(
             end=end,
             velocity_noise=noise,
             velocity_blur_s=blur,
-            angle_variance=variance[:n],
+            angle_variance=_line_variances(part, slice(begin, end), variance, highest),
             repeated_variance=limits[2],
             torque_variance=variance[n:],
             least_torque_variance=limits[0],
@@ -155,9 +156,15 @@ def _segments(
     return found
 
 
-def _row(
-    segment: Segment, samples: Floats, variance: Floats, record: MotionRecord, name: str, held: bool
-) -> Phasors:
+def _line_variances(part: UniformPart, samples: slice, variance: Floats, highest: int) -> Floats:
+    """Variance of each angle at each line, times N/4, shape (highest, n)."""
+    each = zip(part.theta, variance, strict=False)
+    return np.stack(
+        [rounded_variance(theta[samples], quantum(theta), own, highest) for theta, own in each], axis=1
+    )
+
+
+def _row(segment: Segment, samples: Floats, record: MotionRecord, name: str, held: bool) -> Phasors:
     n, H, T = record.n, segment.highest, segment.interval_s
     z = bins_of(samples, H).T[None]
     s = 2j * np.pi * np.arange(1, H + 1) / segment.duration_s
@@ -166,12 +173,8 @@ def _row(
         timing = timing * -np.expm1(-s * T) / (s * T)
     z[:, :, n:] *= timing[:, None]
     z[:, : segment.lowest - 1] = 0
-    factor = np.ones((H, 2 * n), complex)
-    factor[:, n:] = timing[:, None]
-    covariance: Complexes = np.zeros((1, H, 2 * n, 2 * n), complex)
-    covariance[..., np.arange(2 * n), np.arange(2 * n)] = (
-        4 * variance / segment.samples * np.abs(factor) ** 2
-    )
+    covariance = segment.covariance[None].astype(complex)
+    covariance[..., n:, n:] *= (np.abs(timing) ** 2)[:, None, None]
     return Phasors(
         omega=np.array([2 * np.pi / segment.duration_s]),
         q=z[:, 0, :n],

@@ -75,7 +75,8 @@ class Segment:
     velocity_blur_s: Floats
     """Velocity at a jump of the acceleration, by smoothing, over half the jump, shape (n,), s."""
     angle_variance: Floats
-    """Variance of each sample of the angles by noise, shape (n,), rad²."""
+    """Variance of each angle by noise, at each harmonic, times N/4: that of each sample if the noise is
+    white; shape (highest, n), rad²."""
     repeated_variance: Floats
     """Part of it that the periods of the motion share, times the further periods, shape (n,), rad²."""
     torque_variance: Floats
@@ -156,6 +157,13 @@ class Segment:
         squares = (turns * self.gear_torque(motors, direction)[:, 1:] ** 2).sum(axis=1)
         at_turns = np.sqrt(squares / np.maximum(turns.sum(axis=1), 1))
         return np.asarray(level + motors.load * at_turns)
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance of the harmonics of angles and torques by noise, shape (highest, 2n, 2n)."""
+        torques = np.broadcast_to(self.torque_variance, self.angle_variance.shape)
+        variance = np.concatenate([self.angle_variance, torques], axis=1)
+        return 4 / self.samples * variance[:, None] * np.eye(variance.shape[1])
 
     @property
     def samples(self) -> int:

@@ -95,6 +95,20 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
     return variance
 
 
+def rounded_variance(signal: Floats, step: float, variance: float, harmonics: int) -> Floats:
+    """Variance of each harmonic, times N/4, of a signal (N,) in steps, shape (H,).
+
+    ``variance`` is that of each sample. While the signal rests, the error by rounding stays the same,
+    unless other noise dithers it.
+    """
+    white = step**2 / 12
+    if not 0 < white <= variance:
+        return np.full(harmonics, variance)
+    undithered = math.exp(-4 * math.pi**2 * (variance - white) / step**2)
+    gain = np.maximum(_runs(signal, signal.size, harmonics)[1], 1)
+    return np.asarray(variance + undithered * white * (gain - 1))
+
+
 def _moving(signal: Floats) -> Floats:
     """Some samples from the first change of a signal on."""
     first = int(np.argmax(signal != signal[0]))

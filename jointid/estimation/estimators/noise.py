@@ -130,7 +130,8 @@ def sensor_noise(phasors: Phasors, left: Complexes, E: Complexes) -> dict[int, F
         q = phasors.harmonics[row, used, :n].reshape(count, width, n)
         local = np.concatenate([q, q * place, np.broadcast_to(smooth, (count, width, 2))], axis=2)
         gain = np.abs(E[row, used]) ** 2
-        own, known = gain[:, joints, range(n, 2 * n)], gain[..., :n] @ segment.angle_variance
+        own = gain[:, joints, range(n, 2 * n)]
+        known = (gain[..., :n] * segment.angle_variance[used, None]).sum(axis=2)
         lines = [np.sqrt(segment.samples) / 2 * left[row, used], own, known]
         blocks.append([local, *(each.reshape(count, width, n) for each in lines)])
         records += [segment.record] * count
