@@ -28,7 +28,7 @@ from jointid.study import Study, fits_with_motion, motion_matrices, motions_by_p
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
-from jointid.verdict.motion_findings import AT_ODDS, arm_side_findings, at_odds, motion_findings
+from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
 MOTORS_ALONE = "The motors alone give no K and D"
@@ -58,6 +58,8 @@ class Answer:
     """The chosen estimate."""
     sensors: ArmSideAnalysis | None = None
     """K from sensors behind the gears beside that of the motors; None without them."""
+    contradiction: str = ""
+    """Title of the finding that motors and sensors behind the gears disagree; empty without."""
     error_bars: ClassVar[str] = ERROR_BARS
     """Causes that the standard errors include."""
 
@@ -65,11 +67,6 @@ class Answer:
     def torque_stated(self) -> bool:
         """Whether the errors include that of the torque scale; the robot model's always is."""
         return isinstance(self.fit, ArmSideFit) or self.study.torque_std is not None
-
-    @property
-    def contradiction(self) -> str:
-        """Title of the finding that motors and sensors behind the gears disagree; empty without."""
-        return next((f.title for f in self.findings if f.title.startswith(AT_ODDS)), "")
 
     @property
     def each(self) -> dict[str, Answer]:
@@ -332,13 +329,14 @@ def answer_of(
         texts.append((UNUSABLE_MOTORS, found.state_reason + "." if found else ""))
         return replace(beside, findings=_with_notes(beside, texts), motors=found)
     assert found is not None
-    odds = beside and at_odds(replace(found, unit=beside.unit).quantities, beside.quantities)
-    return replace(found, findings=_with_notes(found, texts, *(odds or ())), sensors=beside)
+    if beside and (odds := at_odds(replace(found, unit=beside.unit).quantities, beside.quantities)):
+        found = replace(found, findings=(*found.findings, odds), contradiction=odds.title)
+    return replace(found, findings=_with_notes(found, texts), sensors=beside)
 
 
-def _with_notes(answer: Answer, notes: list[tuple[str, str]], *more: Finding) -> tuple[Finding, ...]:
+def _with_notes(answer: Answer, notes: list[tuple[str, str]]) -> tuple[Finding, ...]:
     noted = [Finding("note", title, text, "", 0.0) for title, text in notes if text]
-    return tuple(sorted((*answer.findings, *noted, *more), key=lambda finding: -finding.weight))
+    return tuple(sorted((*answer.findings, *noted), key=lambda finding: -finding.weight))
 
 
 def _tried(compute: Callable[[Study], Found], study: Study) -> tuple[Found | None, str]:

@@ -23,7 +23,7 @@ from jointid.verdict.causes import (
 )
 from jointid.verdict.evidence import Action, Change, Finding, number, problem, times_noise
 from jointid.verdict.scorer import VELOCITY, Hypothesis
-from jointid.wording import capitalised, enumerated, listed
+from jointid.wording import capitalised, enumerated, joints_text, listed
 
 
 def finding_of(
@@ -310,10 +310,8 @@ def _is_common(factor: Floats, of_cause: float) -> bool:
 
 
 def _joints(joints: Iterable[int], n: int) -> str:
-    names = [f"{int(j) + 1}" for j in joints]
-    if len(names) == n and n > 1:
-        return "all joints"
-    return f"joint{'s' if len(names) > 1 else ''} {enumerated(names)}"
+    numbers = [int(j) + 1 for j in joints]
+    return "all joints" if len(numbers) == n > 1 else joints_text(numbers)
 
 
 def _columns(signal: str, joints: Iterable[int]) -> str:

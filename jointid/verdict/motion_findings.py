@@ -31,8 +31,6 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
-AT_ODDS = "Motors and sensors behind the gears disagree on K"
-"""Beginning of the title of ``at_odds``."""
 _ARC_SECONDS = 180 / np.pi * 3600
 
 
@@ -177,25 +175,26 @@ def arm_side_findings(
     return tuple(sorted(found, key=lambda finding: -finding.weight))
 
 
-def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Iterator[Finding]:
+def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Finding | None:
     """Joints whose K from the motors differs significantly from that of sensors behind their gears.
 
     Both begin with K1 ... Kn, N·m/rad at the joint.
     """
     apart = [row for row in compare(motors, sensors) if row.is_clear]
-    if apart:
-        worst = max(apart, key=lambda row: abs(row.sigmas))
-        motor, sensor = worst.first, worst.second
-        joints = [row.first.joints[0] for row in apart]
-        yield warning(
-            f"{AT_ODDS} of {joints_text(joints)}",
-            f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
-            f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
-            "standard errors apart.",
-            "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
-            "they measure the deflection itself.",
-            float(abs(motor.value / sensor.value - 1)),
-        )
+    if not apart:
+        return None
+    worst = max(apart, key=lambda row: abs(row.sigmas))
+    motor, sensor = worst.first, worst.second
+    which = joints_text(row.first.joints[0] for row in apart)
+    return warning(
+        f"Motors and sensors behind the gears disagree on K of {which}",
+        f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
+        f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
+        "standard errors apart.",
+        "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
+        "they measure the deflection itself.",
+        float(abs(motor.value / sensor.value - 1)),
+    )
 
 
 def _rests(motions: Sequence[MotionRecord]) -> Floats:
