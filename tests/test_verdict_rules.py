@@ -713,6 +713,33 @@ def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
     assert asked == [(0.3, "near")] * 2 * searches
 
 
+@pytest.mark.parametrize(
+    ("motions", "std", "effect", "searches"),
+    [
+        (True, 0.0, "gravity", True),
+        (True, 0.0, "lag", True),
+        (True, 0.0, "viscous", False),
+        (True, 0.05, "gravity", False),
+        (False, 0.0, "gravity", False),
+    ],
+)
+def test_effects_beside_exact_inertias_of_motions_are_tried_without_these(
+    monkeypatch: pytest.MonkeyPatch, motions: bool, std: float, effect: str, searches: bool
+) -> None:
+    """A gear ratio 3 % too large gave K 4.5 % or 8 standard errors off, and no warning."""
+    given = Inertia([0.1, 0.1], np.eye(2), shared=0.1 * np.eye(2))
+    prior = InertiaPrior.of(given, 3, 2, inertia_std=std)
+    heavier = (Inertia([0.1, 0.1], 1.1 * np.eye(2)),) * 3
+    fit = two_joints(misfit=1.0, prior=prior, inertias=heavier, parameters=case(layout={effect, "M2"}))
+    asked: list[InertiaPrior] = []
+    monkeypatch.setattr(rules_inertia, "_refitted", lambda _, prior, misfit: asked.append(prior))
+    found = rules_inertia.judged(case(fit=fit, has_motions=motions))
+    assert (found is None) == searches == bool(asked)
+    for free in asked:  # around the payload of the fit
+        assert free.inertia_std == 0.3
+        np.testing.assert_array_equal(free.M2, [1.1 * np.eye(2)])
+
+
 # --- responses, other records
 
 

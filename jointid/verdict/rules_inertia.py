@@ -15,7 +15,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import Estimate, weighted
-from jointid.estimation.estimators.parameters import elasticity_labels
+from jointid.estimation.estimators.parameters import ARM_EFFECTS, FILTERS, elasticity_labels
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion, motion_misfits
 from jointid.estimation.model_fits import fit_without_inertias, freest
@@ -54,6 +54,9 @@ _FAR, _SURELY = np.log(2.0), 0.2
 """Logarithm of fitted over given diagonals from which a start value is wrong (start values lie within
 50 %), and largest relative error of the fitted rotor inertias that show it."""
 _Probe = tuple[Model | None, Estimate]
+_IMITATIONS = ("delay", "lag", *FILTERS, *ARM_EFFECTS)
+"""Effects that explain motions under wrong inertias given as exact: the noise of motions is that of the
+residual, so that no misfit shows these inertias."""
 _CHANCE = 5e-4
 """Probability that a correct value differs this far from the given one: any value, or all together."""
 
@@ -172,6 +175,10 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
 def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
     fit = evidence.fit
+    imitated = any(name in fit.parameters.layout for name in _IMITATIONS)
+    if evidence.has_motions and fit.prior.inertia_std == 0 and imitated:
+        prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
+        return _refitted(evidence, prior, fit.misfit)
     if "M2" in fit.parameters.layout:
         return fit if fit.misfit <= EXPLAINED else None
     if fit.misfit <= EXPLAINED:
