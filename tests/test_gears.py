@@ -983,7 +983,7 @@ def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
     angle, delta, torque = ((each @ waves).imag[None] for each in (motor, wound, (K + s * D) * wound))
     laws, none = GearLaws.of([Gear(K=K)]), np.zeros((1, 1, 1))
     motors = moving(angle, step, torque)
-    found = DrivenGears.solve(motors, laws, np.array([D]), none + M2, none, torque, 1.0)
+    found = DrivenGears.solve(motors, laws, np.array([D]), none + M2, none, torque, 0.1)
     assert np.abs(found.delta - delta)[:, 100:-1].max() < 5e-4 * np.abs(delta).max()
 
 

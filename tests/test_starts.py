@@ -302,6 +302,8 @@ def test_numbers_of_a_friction_curve_are_named_by_joint() -> None:
         ("K", 0.0, False),
         ("K", 8.99, True),
         ("K", 9.0, False),
+        ("D", 0.0, True),
+        ("D", -1e-9, False),  # only the observer of motions would hold the arm
     ],
 )
 def test_laws_of_a_fit_stay_near_the_sizes_of_the_linear_gear(
@@ -315,7 +317,7 @@ def test_laws_of_a_fit_stay_near_the_sizes_of_the_linear_gear(
     one = np.ones(2)
     units = dict.fromkeys(("presliding", "hysteresis", "backlash", "knee", "second_knee"), one)
     problem: Any = SimpleNamespace(
-        layout=layout, stiffest=9.0, laws=SimpleNamespace(units=lambda _: units)
+        layout=layout, stiffest=9.0, laws=SimpleNamespace(units=lambda _: units, motors=True)
     )
     assert Problem.feasible(problem, p.vector)
     values = {each: [size, size] for each, size in usual.items()} | {name: [usual[name], value]}

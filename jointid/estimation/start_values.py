@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import Block, ParameterLayout, Parameters
 from jointid.gears.gear import Gear
@@ -69,8 +70,7 @@ def other_laws(
     the width of a flat loop has no effect: such fits do not reach an optimum with small loops, which
     gets a start of its own. Changes of slope converge from one side only.
     """
-    torque = phasors.tau + phasors.omega[:, None] ** 2 * prior.M[prior.rotor] * phasors.q
-    peak, found = np.abs(torque).max(axis=0), []
+    peak, found = _largest_torque(phasors, prior), []
     if "hysteresis" in p.layout:
         K = p.K + p["hysteresis"] / p["presliding"]
         wide, sharp = p["presliding"] * np.abs(K) > _WIDE * peak, p["presliding"] * p.K < _SHARP * peak
@@ -93,6 +93,15 @@ def other_laws(
             wind_up = np.repeat(share, p.K.size) * np.tile(largest, 2)
             found.append(layout.named(np.concatenate([start.vector, wind_up])))
     return tuple(found)
+
+
+def _largest_torque(phasors: Phasors, prior: InertiaPrior) -> Floats:
+    """Torque through the gears: amplitude in sines, of all lines together in motions; shape (n,), N·m."""
+    angles, torques = np.split(phasors.harmonics, 2, axis=2)
+    omega = phasors.omega[:, None] * np.arange(1, angles.shape[1] + 1)
+    lines = torques + omega[..., None] ** 2 * prior.M[prior.rotor, None] * angles
+    lines[~phasors.motion, 1:] = 0.0
+    return np.asarray(np.linalg.norm(lines, axis=1).max(axis=0))
 
 
 def with_one_bend(p: Parameters) -> Parameters | None:

@@ -33,9 +33,10 @@ _SECOND, _CENTRAL = (1.0, -2.0, 1.0), (0.5, 0.0, -0.5)
 """Second difference, and half the difference over two steps."""
 _NEWTON, _CONVERGED = 25, 1e-3
 """Most Newton steps, and the residual of each joint, over its largest torque, that ends them."""
-_OBSERVED, _OF_BACKLASH = 0.02, 5.0
+_OBSERVED, _OF_BACKLASH = 0.2, 5.0
 """Rate of the observer over the resonance with the motor locked, and what the square of half the
-backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable."""
+backlash over the largest linear deflection adds: an arm that often leaves its flanks is unstable. At a
+third of the rate, an arm behind a gear that hardens stays on the wrong branch of its resonance."""
 _FIRST, _STARTS, _BEGUN = 6, 3, 0.01
 """Steps at the start of a motion whose smoothed velocity is inaccurate; most Gauss-Newton steps for its
 state, and their change of the deflection, over the largest, that ends them."""

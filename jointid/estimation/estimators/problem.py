@@ -118,6 +118,8 @@ class Problem:
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
+        if self.laws is not None and self.laws.motors is not None and np.any(p.D < 0):
+            return False  # only the observer would hold the arms behind nonlinear gears
         for name in _SHAPES:
             if name in self.layout and self.laws is not None:
                 share = p[name] / self.laws.units(p)[name]
