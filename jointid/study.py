@@ -143,7 +143,7 @@ class Study:
         if (robot := self.robot_model) is None:
             raise JointIdError(
                 "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot FILE, or state "
+                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot-model FILE, or state "
                 "[robot_model] in study.toml."
             )
         if self.gear_ratio is None or np.isfinite(robot.coupling).all():

@@ -16,6 +16,7 @@ from jointid.uncertainty.comparison import (
     Difference,
     comparable,
     comparison_sentence,
+    values_shown,
 )
 from jointid.uncertainty.comparison import compare as compare_quantities
 from jointid.wording import enumerated
@@ -49,8 +50,8 @@ def compare(
         return
     _print_heading(names, found, rows, usable)
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
-    columns |= {"first": [row.first.shown[0] for row in rows]}
-    columns |= {"second": [row.second.shown[0] for row in rows]}
+    columns["first"] = values_shown((row.first for row in rows), found[0].state)
+    columns["second"] = values_shown((row.second for row in rows), found[1].state)
     if usable:
         columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]

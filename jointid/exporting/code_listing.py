@@ -11,12 +11,13 @@ from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text, stored, warning_text
 from jointid.wording import enumerated, unbroken
 
-_NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant")}
+_NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant", "N")}
 _GLOBAL_NAMES = {
     "K": "JointStiffness",
     "D": "JointDamping",
     "K_secant": "JointSecantStiffness",
     "T_secant": "JointSecantTorque",
+    "N": "JointGearRatio",
 }
 """Names in a global variable list, where K and D may have other meanings; errors are comments."""
 _GLOBAL = "    {name} : {array}LREAL := {values};"
@@ -50,8 +51,9 @@ _WIDTH = 80
 def code_listing(analysis: Answer, language: str) -> str:
     """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    With nonlinear gears also their laws and secant stiffnesses. K of a joint alone where that of others
-    is refused: a list with gaps misleads. Of an answer that is not usable, every line is a comment.
+    Also gear ratios where known, and the laws and secant stiffnesses of nonlinear gears. K of a joint
+    alone where that of others is refused: a list with gaps misleads. Of an answer that is not usable,
+    every line is a comment.
     Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
@@ -74,6 +76,8 @@ def code_listing(analysis: Answer, language: str) -> str:
         gears = (j for j, gear in enumerate(fit.gears) if gear.kind != "linear")
         facts.append(_SECANT)
         facts += [f"Nonlinear gear of {gear_text(fit, j)}".replace("Joint", "joint", 1) for j in gears]
+    if "N" in rows:
+        facts.append("N: gear ratio, motor turns per joint turn; K at the joint is N² K, D is N² D")
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
     lines += [unusable + first for first in frame[:1]]
@@ -115,6 +119,8 @@ def _rows(analysis: Answer) -> dict[str, Floats]:
     if any(gear.kind != "linear" for gear in gears):
         rows["K_secant"] = np.array([gear.secant_K for gear in gears])
         rows["T_secant"] = np.array([gear.tried_Nm for gear in gears])
+    if isinstance(analysis, Analysis) and analysis.study.gear_ratios is not None:
+        rows["N"] = analysis.study.gear_ratios
     return rows
 
 

@@ -1,6 +1,6 @@
 """Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
@@ -104,6 +104,11 @@ class Shown(Protocol):
 
 
 Answers = TypeVar("Answers", bound=Shown)
+
+
+def values_shown(found: Iterable[Quantity], state: str) -> list[str]:
+    """Values ± errors of one side of a comparison; dashes where its answer is not usable."""
+    return ["–" if state == "not usable" else quantity.shown[0] for quantity in found]
 
 
 def comparable(first: Answers, second: Answers) -> tuple[Answers, Answers]:

@@ -198,7 +198,9 @@ def warn_if_unusable(analysis: Answer) -> None:
 
 
 def show_tiles(analysis: Analysis) -> None:
-    """K and D of every joint with ± one standard error, against the nominal values."""
+    """K and D of every joint with ± one standard error, against the nominal values, if usable."""
+    if analysis.state == NOT_USABLE:
+        return
     n = analysis.fit.n
     found = analysis.quantities
     if n > _MOST_TILES:
@@ -237,7 +239,7 @@ def _values_table(analysis: Analysis, own: Sequence[Quantity]) -> dict[str, list
     name = own[0].parameter
     columns: dict[str, list[str]] = {"Joint": [f"{q.joints[0]}" for q in own]}
     columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
-    if analysis.nominal is not None and analysis.state != NOT_USABLE:
+    if analysis.nominal is not None:
         columns[f"Nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
     return columns
 
@@ -253,11 +255,8 @@ def _nominal(analysis: Analysis, found: Quantity) -> str:
 
 def _tile(analysis: Analysis, found: Quantity) -> None:
     assumed = f"nominal {text}" if (text := _nominal(analysis, found)) else None
-    label = found.heading
-    if analysis.state == NOT_USABLE:
-        label, assumed = f":red[Not usable:] {label}", None
     st.metric(
-        label,
+        found.heading,
         found.shown[0],
         assumed,
         delta_color="off",
