@@ -187,7 +187,7 @@ def test_an_unusable_answer_begins_with_that_in_every_output(study: Study) -> No
     assert 'damping="nan"' in urdf_snippet(analysis, [100.0])
     for language, (comment, *_) in LANGUAGES.items():
         first, *others = code_listing(analysis, language).splitlines()
-        assert first == f"{comment}NOT USABLE: A problem. The values are comments."
+        assert first == f"{comment}NOT USABLE: A problem. The values are commented out."
         assert "usable" not in "".join(others)
         assert all(line.startswith(comment) for line in others)
     live: dict[str, object] = {}

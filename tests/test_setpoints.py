@@ -569,7 +569,7 @@ def test_the_command_writes_a_checked_file(
     assert studies[2].name in found.head
     assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # old name; it exists
     both = CliRunner().invoke(app, [*command, "--sines-as=sweep", "--motion", "sweep"])
-    assert (both.exit_code, "--sines-as is for" in both.stderr) == (2, True)
+    assert (both.exit_code, "--sines-as applies to" in both.stderr) == (2, True)
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
 
 

@@ -1369,7 +1369,7 @@ def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)
     assert low.title.endswith("K2 0.70 % too low")
-    assert low.detail == "Both have the same inertias."
+    assert low.detail == "Both fits use the same inertias."
     friction = case(coulomb=np.array([0.1, 0.02]), viscous=np.array([3.0, 4.0]))
     (rubs,) = against(monkeypatch, 0.01, friction=friction, **fine)
     assert rubs.title == "Friction matters: the paper's least squares gives K2 1.0 % too high"
@@ -1521,8 +1521,8 @@ def test_start_values_are_exchanged_where_the_fit_is_near_the_others(
     assert [f.title for f in found] == ["The inertias of joints 1 and 2 look swapped"] * told
     for finding in found:
         assert finding.detail.startswith(
-            "The fitted inertias differ from the start values by factors up to 2.1 as given, and up to "
-            "1.0 with these joints swapped."
+            "The fitted inertias differ from the start values by factors of up to 2.1 as given, and up "
+            "to 1.0 with these joints swapped."
         )
     own.prior.inertia_std = 0.3
     assert not list(rules_inertia._starts_exchanged(case(inertias=[given]), own))

@@ -69,7 +69,7 @@ def _print_answer(analysis: Answer) -> None:
         if isinstance(analysis, ArmSideAnalysis):
             _print_tables(analysis)
         else:
-            print("\nK and D are not shown, because they are not usable.")
+            print("\nK and D are not shown because they are not usable.")
 
 
 def _print_findings(analysis: Answer) -> None:

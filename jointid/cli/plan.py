@@ -253,7 +253,9 @@ def setpoints(
     from jointid.uncertainty.chosen_model import identified_friction
 
     if motion and sines_as != "sines":
-        raise typer.BadParameter("--sines-as is for planned sines: give either it or --motion.")
+        raise typer.BadParameter(
+            "--sines-as applies to planned sines: leave out --sines-as or --motion."
+        )
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit

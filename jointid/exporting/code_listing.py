@@ -65,7 +65,9 @@ def code_listing(analysis: Answer, language: str) -> str:
     name = " ".join(study.name.split()) or "study without a name"
     is_motor = isinstance(analysis, Analysis)
     facts = [
-        warning_text(analysis, "The values are comments.") if unusable else f"{name}: {analysis.state}",
+        warning_text(analysis, "The values are commented out.")
+        if unusable
+        else f"{name}: {analysis.state}",
         name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
         f"{'Motor' if is_motor else 'Joint'} side; K in N·m/rad{', D in N·m·s/rad' * is_motor}; _std: "

@@ -267,6 +267,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
             causes += f" The coupling between the joints points to {_SEEN[side]}"
     causes = f"{sign} The cause{' of the size' * bool(sign)} may be {causes}"
     if ratios.max() < _MOST_OF_INERTIAS:
+        title = title if sign else "A gear ratio, the unit of the torque, or M and M2 look wrong for"
         causes += " Wrong M and M2 have the same effect: check them as well."
     if sign and ratios.max() < INACCURATE:
         title, causes = (

@@ -223,8 +223,8 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
         if np.any((constant > _COMPARABLE * speed) & (constant < speed)):
             return (
                 "Joints reverse slowly where the constant velocity is about as large as that of the "
-                "sine, and the friction there is uncertain. Choose a clearly larger constant velocity, "
-                "so that no joint reverses, or none."
+                "sine, and the friction there is uncertain. Choose a constant velocity so large that no "
+                "joint reverses, or omit it."
             )
     if fit.friction is not None:
         backlash = "" if "backlash" in fit.parameters.layout else ", backlash"

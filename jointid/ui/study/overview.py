@@ -166,7 +166,7 @@ def show_heading(page: Page) -> None:
 def show_headline(analysis: Answer, page: Page | None = None) -> None:
     """The answer as a sentence, or why it is not usable; what limits it.
 
-    With a page, the reason comes with its finding and the changes that may remedy it.
+    With a page, the reason comes with its finding and the changes that may remedy it, else with a link.
     """
     _show_state(analysis, page)
     if analysis.sensors and page is not None:  # else the page shows them itself
@@ -178,6 +178,7 @@ def _show_state(analysis: Answer, page: Page | None) -> None:
         lead = f"## {markdown_escape(analysis.headline)}"
         if page is None:
             st.error(lead)
+            workspace.link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
         else:
             _finding(page, analysis, analysis.findings[0], lead)
         return
