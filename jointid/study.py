@@ -239,8 +239,8 @@ class Study:
             given = poses.setdefault(name, of_model) if name else self.inertia
             if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):
                 raise JointIdError(
-                    f"{f'Pose {name}' if name else 'inertia'} has another M2 than the robot model at "
-                    "its joint angles: leave one of them out."
+                    f"{f'Pose {name}' if name else 'inertia'} has an M2 other than that of the robot "
+                    "model at its joint angles: leave one of them out."
                 )
         set_fields(self, poses=MappingProxyType(poses), pose_angles_rad=MappingProxyType(angles))
 

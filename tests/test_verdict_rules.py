@@ -980,7 +980,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
         ([1, -50], "First, the sign of the position or torque of joint 2 is reversed", "All joints"),
         ([1, -1.14], "Inaccurate M and M2 are the likely cause of the size", "left out"),
-        ([1, 1.14], "a torque in units of 0.877 N·m", "gear ratio"),
+        ([1, 1.14], "a torque in multiples of 0.877 N·m", "gear ratio"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
         ([-4, -4.06], "is reversed, as with a gear", "sample rate"),
@@ -988,7 +988,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, 1 / 9.9], "Wrong M and M2 have the same effect", "The sign"),
         ([1, 10.1], "left out: 10.1", "Wrong M and M2"),
         ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
-        ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
+        ([1, 2e6], "The cause may be a torque in multiples of 5.00×10⁻⁷ N·m", "gear ratio"),
     ],
 )
 def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, unsaid: str) -> None:

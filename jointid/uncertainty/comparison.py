@@ -143,7 +143,7 @@ def comparison_sentence(
     """
     clear = [row for row in rows if row.first.parameter == "K" and row.is_clear]
     if not clear:
-        return f"No stiffness of {second} differs significantly from {first}"
+        return f"No stiffness of {second} differs significantly from that of {first}"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
     condition = ", if the torque scales are exact" if exact_torque_scales else ""
     return f"{second} compared with {first}: {changes} (significant){condition}"

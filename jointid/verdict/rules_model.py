@@ -71,7 +71,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
             level = problem if fit.D[j] < -_CERTAIN * fit.errors.D[j] else warning
             yield level(
                 f"D{j + 1} is negative",
-                f"The estimate is {number(fit.D[j])} N·m·s/rad; a damping must not be negative.",
+                f"The estimate is {number(fit.D[j])} N·m·s/rad; damping must not be negative.",
                 "The torque probably leads or lags. Check its hold and delay on import, or torque_hold "
                 "and torque_delay_s in study.toml.",
                 2.0,
