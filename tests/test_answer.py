@@ -187,9 +187,10 @@ def test_an_unusable_answer_begins_with_that_in_every_output(study: Study) -> No
     assert 'damping="nan"' in urdf_snippet(analysis, [100.0])
     for language, (comment, *_) in LANGUAGES.items():
         first, *others = code_listing(analysis, language).splitlines()
-        assert first == f"{comment}NOT USABLE: A problem. The values are commented out."
+        assert first == f"{comment}NOT USABLE: A problem. The values are left out."
         assert "usable" not in "".join(others)
         assert all(line.startswith(comment) for line in others)
+        assert not any(line.startswith((f"{comment}K", f"{comment}D")) for line in others)
     live: dict[str, object] = {}
     exec(code_listing(analysis, "Python"), live)
     assert "K" not in live

@@ -53,7 +53,7 @@ def code_listing(analysis: Answer, language: str) -> str:
 
     Also gear ratios where known, and the laws and secant stiffnesses of nonlinear gears. K of a joint
     alone where that of others is refused: a list with gaps misleads. Of an answer that is not usable,
-    every line is a comment.
+    there are comments only.
     Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
@@ -61,13 +61,13 @@ def code_listing(analysis: Answer, language: str) -> str:
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, (opening, closing, separator), names, frame = LANGUAGES[language]
     study, rows = analysis.study, _rows(analysis)
-    unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
+    unusable = analysis.state == NOT_USABLE
+    if unusable:
+        frame, rows = (), {name: each for name, each in rows.items() if not np.isfinite(each).all()}
     name = " ".join(study.name.split()) or "study without a name"
     is_motor = isinstance(analysis, Analysis)
     facts = [
-        warning_text(analysis, "The values are commented out.")
-        if unusable
-        else f"{name}: {analysis.state}",
+        warning_text(analysis, "The values are left out.") if unusable else f"{name}: {analysis.state}",
         name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
         f"{'Motor' if is_motor else 'Joint'} side; K in N·m/rad{', D in N·m·s/rad' * is_motor}; _std: "
@@ -82,14 +82,14 @@ def code_listing(analysis: Answer, language: str) -> str:
         facts.append("N: gear ratio, motor turns per joint turn; K at the joint is N² K, D is N² D")
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
-    lines += [unusable + first for first in frame[:1]]
+    lines += frame[:1]
     reasons = {}
     if isinstance(analysis, ArmSideAnalysis):
         reasons = {f"{j}": reason for j, reason in enumerate(analysis.fit.reasons, start=1)}
     for name, values in rows.items():
         joint = "".join(filter(str.isdigit, name))  # empty for a list of all joints
         what = name.replace(joint, "")
-        code = unusable + line if what in names else f"{comment}{{name}}: {{values}}"
+        code = line if what in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
             shown = separator.join(map(_real, np.ravel(values).tolist()))
             array = "" if joint else _ARRAYS.get(language, "").format(n=values.size)
@@ -99,7 +99,7 @@ def code_listing(analysis: Answer, language: str) -> str:
         else:
             reason = reasons.get(joint, "not determined by the records")
             lines += [comment + part for part in _wrapped(f"{name}: {reason}", width)]
-    lines += [unusable + last for last in frame[1:]]
+    lines += frame[1:]
     return "\n".join(lines) + "\n"
 
 
