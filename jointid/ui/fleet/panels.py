@@ -219,4 +219,6 @@ def label(row: Row) -> str:
 def _value(row: Row, quantity: str, j: int) -> str:
     if len(getattr(row, quantity)) <= j:
         return ""
+    if row.state == NOT_USABLE:
+        return "–"
     return with_error(getattr(row, quantity)[j], getattr(row, f"{quantity}_error")[j])
