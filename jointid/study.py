@@ -143,7 +143,7 @@ class Study:
         if (robot := self.robot_model) is None:
             raise JointIdError(
                 "Sensors behind the gears need the robot model: give a file .urdf, .xml (MJCF) or .toml "
-                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot FILE, or state "
+                "(Denavit–Hartenberg), as in jointid arm-side STUDY --robot-model FILE, or state "
                 "[robot_model] in study.toml."
             )
         if self.gear_ratio is None or np.isfinite(robot.coupling).all():
@@ -239,8 +239,8 @@ class Study:
             given = poses.setdefault(name, of_model) if name else self.inertia
             if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):
                 raise JointIdError(
-                    f"{f'Pose {name}' if name else 'inertia'} has another M2 than the robot model at "
-                    "its joint angles: leave one of them out."
+                    f"{f'Pose {name}' if name else 'inertia'} has an M2 other than that of the robot "
+                    "model at its joint angles: leave one of them out."
                 )
         set_fields(self, poses=MappingProxyType(poses), pose_angles_rad=MappingProxyType(angles))
 

@@ -221,7 +221,7 @@ def _polynomial(
     answer = np.sqrt(angles * answers)[:, None] * np.abs(spread.T)
     if np.any(np.diag(answer) > _UNKNOWN * np.abs(np.diag(H))):
         raise JointIdError(
-            f"{at} the controllers answer the noise of the angles, which may change H by "
+            f"{at} the controllers respond to the noise of the angles, which may change H by "
             f"more than {percent(_UNKNOWN)}: move the joints more at this frequency."
         )
     if np.linalg.matrix_rank(H) < n:

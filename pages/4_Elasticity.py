@@ -2,7 +2,7 @@
 
 import streamlit as st
 
-from jointid.analysis import Analysis, ArmSideAnalysis
+from jointid.analysis import NOT_USABLE, Analysis, ArmSideAnalysis
 from jointid.ui.shared.charts import show_tabs
 from jointid.ui.shared.page import open_page
 from jointid.ui.study import uncertainty_panels
@@ -54,4 +54,7 @@ if not page.study.motion_records:  # these look at every sine by itself
     }
     if len({record.pose for record in page.study.records}) > 1:
         details["Poses"] = lambda: show_poses(page, analysis)
+if analysis.state == NOT_USABLE:
+    for name in ("Error bars", "Estimators", "Bootstrap"):
+        details.pop(name, None)
 show_tabs("details", details)

@@ -52,7 +52,7 @@ from jointid.exporting import (
 from jointid.exporting.identification import answer_text
 from jointid.fleet.row import row_of
 from jointid.fleet.table import as_table
-from jointid.reporting.blocks import Paragraph
+from jointid.reporting.blocks import Paragraph, Table
 from jointid.reporting.report import make_report, to_html
 from jointid.uncertainty.answer_tables import compared_models, error_parts, error_table
 from jointid.verdict.findings import ranked
@@ -187,9 +187,10 @@ def test_an_unusable_answer_begins_with_that_in_every_output(study: Study) -> No
     assert 'damping="nan"' in urdf_snippet(analysis, [100.0])
     for language, (comment, *_) in LANGUAGES.items():
         first, *others = code_listing(analysis, language).splitlines()
-        assert first == f"{comment}NOT USABLE: A problem. The values are comments."
+        assert first == f"{comment}NOT USABLE: A problem. The values are left out."
         assert "usable" not in "".join(others)
         assert all(line.startswith(comment) for line in others)
+        assert not any(line.startswith((f"{comment}K", f"{comment}D")) for line in others)
     live: dict[str, object] = {}
     exec(code_listing(analysis, "Python"), live)
     assert "K" not in live
@@ -201,6 +202,7 @@ def test_an_unusable_answer_begins_with_that_in_every_output(study: Study) -> No
     assert (document["state"], document["answer"]) == ("not usable", "Not usable: A problem.")
     blocks = make_report(analysis, cut=False).sections[0].blocks
     assert blocks[0] == Paragraph("Not usable: A problem.", "lead")
+    assert not any(isinstance(block, Table) for block in blocks)
     row = row_of(analysis, study="here")
     assert as_table([replace(row, verdict="problem")])["state"].to_pylist() == ["not usable"]
 

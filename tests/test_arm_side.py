@@ -521,7 +521,7 @@ def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
     np.testing.assert_allclose(document["K"][:SENSORS], fit().K[:SENSORS], rtol=1e-3)
     assert document["K"][SENSORS:] == [None] * 3
     assert "sensor" in document["reasons"][SENSORS]
-    table = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml")])
+    table = CliRunner().invoke(app, [*run, "--robot-model", str(tmp_path / "robot.toml")])
     assert fit().table["K at the joint (N·m/rad)"][0] in table.stdout
 
 

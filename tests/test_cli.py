@@ -97,7 +97,8 @@ def test_identify_prints_a_table_for_people(one_joint: Path) -> None:
 def test_an_unusable_answer_begins_with_its_reason(here: Path) -> None:
     for asked in ([], ["--json"]):
         text = ok("identify", "exercise_1", *asked)
-        assert text.index("look swapped") < text.index('"K"' if asked else "Model: ")
+        assert text.index("look swapped") < text.index('"K"' if asked else "K and D are not shown")
+        assert asked or " ± " not in text
 
 
 def test_the_method_is_passed_on(one_joint: Path) -> None:

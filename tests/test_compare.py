@@ -85,6 +85,7 @@ def test_the_command_shows_no_difference_from_an_answer_that_is_not_usable() -> 
     assert shown.exit_code == 0, shown.stderr
     assert 'Second: "Exercise 1: a log with a fault", not usable\nNot usable: ' in shown.stdout
     assert "σ" not in shown.stdout
+    assert re.search(r"K1 \(N·m/rad\) +43\S* ± \S+ +–\s", shown.stdout)
     found = json.loads(run.invoke(program, ["compare", "paper", "exercise_1", "--json"]).stdout)
     assert found["second"]["state"] == "not usable"
     assert all(row["relative"] is row["sigmas"] is None for row in found["differences"])

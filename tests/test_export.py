@@ -416,6 +416,10 @@ def test_structured_text_is_a_global_variable_list(result: Analysis) -> None:
         "END_VAR",
     ]
     assert sum(line.startswith(("// K_std", "// D_std")) for line in lines) == 2
+    known = replace(result, study=replace(result.study, gear_ratio=[100.0] * (n - 1) + [-90.0]))
+    added = set(code_listing(known, "Structured Text").splitlines()) - set(lines)
+    ratios = f"    JointGearRatio : ARRAY [1..{n}] OF LREAL := [{'100.0, ' * (n - 1)}-90.0];"
+    assert ratios in added
 
 
 def test_exported_code_is_parsed_by_its_language(result: Analysis) -> None:

@@ -23,6 +23,7 @@ from jointid.fleet.row import Row, failed_row
 from jointid.fleet.spread import few_values, fleet_spread, robot_drift, robust_spread, seconds
 from jointid.fleet.table import read_untrusted, to_parquet
 from jointid.ui.fleet import files as fleet_files
+from jointid.ui.fleet import panels
 
 PAGE = "pages/10_Fleet.py"
 YEAR_S = 365.25 * 86400
@@ -331,6 +332,11 @@ def test_studies_without_a_date_show_how_to_add_one(app: AppTest) -> None:
         shown(app.switch_page(PAGE).run()), r_parquet=to_parquet([row(k, 40.0 + k) for k in range(9)])
     )
     assert "date = 2026-11-20" in text_of(at)
+
+
+def test_no_value_of_an_unusable_answer_is_shown() -> None:
+    rows = [row(1, 43.0), replace(row(2, 4e10), verdict="problem")]
+    assert panels._columns(rows)["K1"] == ["43.00 ± 0.10", "–"]
 
 
 def test_few_values_give_a_deviation_with_its_limits() -> None:

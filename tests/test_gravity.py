@@ -135,7 +135,7 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
     refused('file = "robot.toml"', 'file = "other.toml"', "other.toml is missing")
     refused('[robot_model]\nfile = "robot.toml"\n', "", "need the robot model")
     refused("angles_rad = [", "angles_rad = [0.0, ", r"shape \(7,\)")
-    with pytest.raises(JointIdError, match="Pose low has another M2 than the robot model"):
+    with pytest.raises(JointIdError, match="Pose low has an M2 other than that of the robot model"):
         Study(
             six_axes().records,
             ROBOT.inertia(POSES[""]),

@@ -248,7 +248,7 @@ def test_an_unphysical_study_is_reported_as_unusable() -> None:
     assert "Problem:" in made
     assert "No cut is shown" in made
     assert "Cut paths" not in made
-    assert repr(float(analysis.fit.K[0])) in made
+    assert repr(float(analysis.fit.K[0])) not in made
 
 
 def replace_torque(record: SineRecord, factor: float) -> SineRecord:

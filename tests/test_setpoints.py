@@ -567,7 +567,9 @@ def test_the_command_writes_a_checked_file(
     found = read("ur", output.read_text("utf-8"), START_DEG)
     assert found.time_s[-1] == pytest.approx(document["duration_s"], abs=0.002)
     assert studies[2].name in found.head
-    assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # it exists
+    assert CliRunner().invoke(app, [*command, "--kind", "sweep"]).exit_code == 1  # old name; it exists
+    both = CliRunner().invoke(app, [*command, "--sines-as=sweep", "--motion", "sweep"])
+    assert (both.exit_code, "--sines-as applies to" in both.stderr) == (2, True)
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
 
 

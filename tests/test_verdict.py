@@ -891,7 +891,7 @@ def exchanged(*order: int) -> list[SineRecord]:
         long(
             lambda: scaled(torque=2.0),
             SERIAL,
-            "gear ratio, or the unit of the torque, looks wrong for all",
+            "gear ratio, the unit of the torque, or M and M2 look wrong for all",
         ),
     ],
 )

@@ -1007,7 +1007,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
         ([1, -50], "First, the sign of the position or torque of joint 2 is reversed", "All joints"),
         ([1, -1.14], "Inaccurate M and M2 are the likely cause of the size", "left out"),
-        ([1, 1.14], "a torque in units of 0.877 N·m", "gear ratio"),
+        ([1, 1.14], "a torque in multiples of 0.877 N·m", "gear ratio"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
         ([-4, -4.06], "is reversed, as with a gear", "sample rate"),
@@ -1015,7 +1015,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, 1 / 9.9], "Wrong M and M2 have the same effect", "The sign"),
         ([1, 10.1], "left out: 10.1", "Wrong M and M2"),
         ([1, 2e3], "left out: 44.7 in both; or a torque", "position or torque, or"),
-        ([1, 2e6], "The cause may be a torque in units of 5.00×10⁻⁷ N·m", "gear ratio"),
+        ([1, 2e6], "The cause may be a torque in multiples of 5.00×10⁻⁷ N·m", "gear ratio"),
     ],
 )
 def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, unsaid: str) -> None:
@@ -1396,7 +1396,7 @@ def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)
     assert low.title.endswith("K2 0.70 % too low")
-    assert low.detail == "Both have the same inertias."
+    assert low.detail == "Both fits use the same inertias."
     friction = case(coulomb=np.array([0.1, 0.02]), viscous=np.array([3.0, 4.0]))
     (rubs,) = against(monkeypatch, 0.01, friction=friction, **fine)
     assert rubs.title == "Friction matters: the paper's least squares gives K2 1.0 % too high"
@@ -1548,8 +1548,8 @@ def test_start_values_are_exchanged_where_the_fit_is_near_the_others(
     assert [f.title for f in found] == ["The inertias of joints 1 and 2 look swapped"] * told
     for finding in found:
         assert finding.detail.startswith(
-            "The fitted inertias differ from the start values by factors up to 2.1 as given, and up to "
-            "1.0 with these joints swapped."
+            "The fitted inertias differ from the start values by factors of up to 2.1 as given, and up "
+            "to 1.0 with these joints swapped."
         )
     own.prior.inertia_std = 0.3
     assert not list(rules_inertia._starts_exchanged(case(inertias=[given]), own))

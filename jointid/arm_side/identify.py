@@ -169,7 +169,7 @@ def _identified(
         if round_:
             skew, skew_error = _skews(joints, skew)
         motions = [m.aligned(skew) for m in motions]
-        # a sensor that the torque does not explain tells nothing about the angle of the arm
+        # a sensor that the torque does not explain says nothing about the angle of the arm
         seen = np.array([not _reason(joint, True, True, False) for joint in joints])
         compliance = np.array([joint.compliance if joint else 0.0 for joint in joints])
         pairs = zip(motions, torque, strict=True)  # offsets of the sensors hide the mean deflection

@@ -16,6 +16,7 @@ from jointid.uncertainty.comparison import (
     Difference,
     comparable,
     comparison_sentence,
+    values_shown,
 )
 from jointid.uncertainty.comparison import compare as compare_quantities
 from jointid.wording import enumerated
@@ -32,8 +33,8 @@ def compare(
 ) -> None:
     """Compare K and D of two studies: which robot is softer.
 
-    The difference is the second study minus the first, also in standard errors σ. It is left out if an
-    answer is not usable.
+    The difference is the second study minus the first, also in standard errors σ. Values of an answer
+    that is not usable, and the difference from it, are left out.
     """
     files = study, second
     found: list[Answer] = [answer_file(file, method) for file in files]
@@ -49,8 +50,8 @@ def compare(
         return
     _print_heading(names, found, rows, usable)
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
-    columns |= {"first": [row.first.shown[0] for row in rows]}
-    columns |= {"second": [row.second.shown[0] for row in rows]}
+    columns["first"] = values_shown((row.first for row in rows), found[0].state)
+    columns["second"] = values_shown((row.second for row in rows), found[1].state)
     if usable:
         columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]

@@ -42,7 +42,7 @@ def identify(
 
 
 def _print(study: Path, analysis: Answer, unit: str, as_json: bool) -> None:
-    """State, headline, values and findings; the findings first where the answer is not usable."""
+    """State, headline, values and findings of every answer."""
     if as_json:
         from jointid.exporting.identification import to_document
 
@@ -54,13 +54,22 @@ def _print(study: Path, analysis: Answer, unit: str, as_json: bool) -> None:
     print(f"{analysis.study.name or study.name}: {analysis.state}\n{analysis.headline}")
     for line in filter(None, (analysis.caution, *analysis.study.remarks)):
         print(line)
-    parts = _print_tables, _print_findings
-    for part in parts[::-1] if analysis.state == NOT_USABLE else parts:
-        part(analysis)
+    _print_answer(analysis)
     for name, beside in [*analysis.each.items()][1:]:
         print(f"\n{name}: {beside.state}\n{beside.headline}")
-        for part in parts[::-1] if beside.state == NOT_USABLE else parts:
-            part(beside)
+        _print_answer(beside)
+
+
+def _print_answer(analysis: Answer) -> None:
+    """Values and findings; of an answer of the motors that is not usable the findings only."""
+    if analysis.state != NOT_USABLE:
+        _print_tables(analysis)
+    _print_findings(analysis)
+    if analysis.state == NOT_USABLE:
+        if isinstance(analysis, ArmSideAnalysis):
+            _print_tables(analysis)
+        else:
+            print("\nK and D are not shown because they are not usable.")
 
 
 def _print_findings(analysis: Answer) -> None:
@@ -84,9 +93,8 @@ def _print_tables(analysis: Answer) -> None:
         for q in fitted
     ]
     print_table(["", "identified", "unit", "nominal"], rows, right=(1, 3))
-    if analysis.state != NOT_USABLE:
-        print("Gear laws, valid up to the largest torque in the records, motor side:")
-        print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
+    print("Gear laws, valid up to the largest torque in the records, motor side:")
+    print(*(gear_text(fit, j) for j in range(fit.n)), sep="\n")
     print(f"\n{ERROR_BARS} Its parts:")
     columns = error_table(fit, analysis.unit)
     print_columns(columns, right=tuple(range(1, len(columns))))
@@ -102,6 +110,7 @@ def arm_side(
     robot: Annotated[
         Path | None,
         typer.Option(
+            "--robot-model",
             parser=named,
             help="Robot model: .urdf, .xml (MJCF) or .toml (Denavit–Hartenberg); default: that of the "
             "study, [robot_model].",

@@ -208,11 +208,11 @@ def setpoints(
         str,
         typer.Option("--format", help="csv, ros2 (trajectory), ur (URScript), egm (ABB) or rsi (KUKA)."),
     ] = "csv",
-    kind: Annotated[
+    sines_as: Annotated[
         str,
         typer.Option(
-            help="Planned sines as sines (one after another), multisine (all at once) or sweep (over "
-            "their frequencies)."
+            help="Without --motion: run the planned sines as sines (one after another), multisine (all "
+            "at once) or sweep (over their frequencies)."
         ),
     ] = "sines",
     interval_ms: Annotated[
@@ -252,6 +252,10 @@ def setpoints(
     from jointid.setpoints.simulated_experiment import simulate_experiment
     from jointid.uncertainty.chosen_model import identified_friction
 
+    if motion and sines_as != "sines":
+        raise typer.BadParameter(
+            "--sines-as applies to planned sines: leave out --sines-as or --motion."
+        )
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit
@@ -265,7 +269,7 @@ def setpoints(
             found if motion else found.records,
             inertia,
             fit.elasticity,
-            kind=kind,
+            kind=sines_as,
             repeats=repeats,
             ramp_s=ramp_s,
             rest_s=rest_s,

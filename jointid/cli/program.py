@@ -34,8 +34,19 @@ _METAVARS = {
 """Values of options in --help, by the type that Typer shows."""
 
 
+_RENAMED = {"--kind": "--sines-as", "--robot": "--robot-model"}
+"""New names of options by their old ones, which still work."""
+
+
 class Command(TyperCommand):
     """A command whose help names values plainly, FILE instead of <list[Path]>."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the arguments; an option may have its old name."""
+        own = {name for each in self.params for name in each.opts}
+        old = {name: new for name, new in _RENAMED.items() if new in own and name not in own}
+        parts = (arg.partition("=") for arg in args)
+        return super().parse_args(ctx, [old.get(name, name) + "".join(rest) for name, *rest in parts])
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Arguments and options, with names for their values."""

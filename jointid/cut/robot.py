@@ -48,8 +48,8 @@ NOMINAL_NAMES: dict[Assumption, str] = {
 """Names of the controller before the identification."""
 
 DEMONSTRATION = (
-    "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if they "
-    "were known within 1 % and 5 %."
+    "The paper's values (K = 43, 7.5 N·m/rad, D = 0.10, 0.015 N·m·s/rad) on the example arm, as if K "
+    "were known to 1 % and D to 5 %."
 )
 """Description of the cut without a study."""
 RULES: dict[Rule, str] = {
@@ -153,7 +153,7 @@ def cut_robot(analysis: Analysis, drive: Drive | None = None) -> CutRobot:
 
 
 def demonstration(drive: Drive = "parallelogram") -> CutRobot:
-    """Return the example arm with the paper's K and D, known within 1 % and 5 %."""
+    """Return the example arm with the paper's K and D, known to 1 % and 5 %."""
     value = np.concatenate([PAPER.K, PAPER.D])
     covariance = np.diag((_DEMONSTRATED * value) ** 2)
     return CutRobot("demonstration", PlanarArm.example(drive), PAPER, covariance, None, None)

@@ -1,4 +1,4 @@
-"""Noise of motions, from the residual of a fitted model, and of sines beside them."""
+"""Noise of motions, from the residual of a fitted model, and of sines in the same study."""
 
 import contextlib
 import itertools

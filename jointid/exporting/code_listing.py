@@ -11,12 +11,13 @@ from jointid.errors import JointIdError
 from jointid.exporting.identification import answer_text, origin_text, stored, warning_text
 from jointid.wording import enumerated, unbroken
 
-_NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant")}
+_NAMES = {name: name for name in ("K", "K_std", "D", "D_std", "K_secant", "T_secant", "N")}
 _GLOBAL_NAMES = {
     "K": "JointStiffness",
     "D": "JointDamping",
     "K_secant": "JointSecantStiffness",
     "T_secant": "JointSecantTorque",
+    "N": "JointGearRatio",
 }
 """Names in a global variable list, where K and D may have other meanings; errors are comments."""
 _GLOBAL = "    {name} : {array}LREAL := {values};"
@@ -50,8 +51,9 @@ _WIDTH = 80
 def code_listing(analysis: Answer, language: str) -> str:
     """Write K and D with their standard errors in a language of ``LANGUAGES``.
 
-    With nonlinear gears also their laws and secant stiffnesses. K of a joint alone where that of others
-    is refused: a list with gaps misleads. Of an answer that is not usable, every line is a comment.
+    Also gear ratios where known, and the laws and secant stiffnesses of nonlinear gears. K of a joint
+    alone where that of others is refused: a list with gaps misleads. Of an answer that is not usable,
+    there are comments only.
     Raises JointIdError when the language is not supported.
     """
     if language not in LANGUAGES:
@@ -59,11 +61,13 @@ def code_listing(analysis: Answer, language: str) -> str:
         raise JointIdError(f"The language {language!r} is not supported: choose one of {known}.")
     comment, line, (opening, closing, separator), names, frame = LANGUAGES[language]
     study, rows = analysis.study, _rows(analysis)
-    unusable = (comment or "# ") if analysis.state == NOT_USABLE else ""
+    unusable = analysis.state == NOT_USABLE
+    if unusable:
+        frame, rows = (), {name: each for name, each in rows.items() if not np.isfinite(each).all()}
     name = " ".join(study.name.split()) or "study without a name"
     is_motor = isinstance(analysis, Analysis)
     facts = [
-        warning_text(analysis, "The values are comments.") if unusable else f"{name}: {analysis.state}",
+        warning_text(analysis, "The values are left out.") if unusable else f"{name}: {analysis.state}",
         name if unusable else " ".join(answer_text(analysis).split()),
         origin_text(analysis),
         f"{'Motor' if is_motor else 'Joint'} side; K in N·m/rad{', D in N·m·s/rad' * is_motor}; _std: "
@@ -74,16 +78,18 @@ def code_listing(analysis: Answer, language: str) -> str:
         gears = (j for j, gear in enumerate(fit.gears) if gear.kind != "linear")
         facts.append(_SECANT)
         facts += [f"Nonlinear gear of {gear_text(fit, j)}".replace("Joint", "joint", 1) for j in gears]
+    if "N" in rows:
+        facts.append("N: gear ratio, motor turns per joint turn; K at the joint is N² K, D is N² D")
     width = _WIDTH - len(comment)
     lines = [comment + part for fact in facts for part in _wrapped(fact, width)]
-    lines += [unusable + first for first in frame[:1]]
+    lines += frame[:1]
     reasons = {}
     if isinstance(analysis, ArmSideAnalysis):
         reasons = {f"{j}": reason for j, reason in enumerate(analysis.fit.reasons, start=1)}
     for name, values in rows.items():
         joint = "".join(filter(str.isdigit, name))  # empty for a list of all joints
         what = name.replace(joint, "")
-        code = unusable + line if what in names else f"{comment}{{name}}: {{values}}"
+        code = line if what in names else f"{comment}{{name}}: {{values}}"
         if np.isfinite(values).all():
             shown = separator.join(map(_real, np.ravel(values).tolist()))
             array = "" if joint else _ARRAYS.get(language, "").format(n=values.size)
@@ -93,7 +99,7 @@ def code_listing(analysis: Answer, language: str) -> str:
         else:
             reason = reasons.get(joint, "not determined by the records")
             lines += [comment + part for part in _wrapped(f"{name}: {reason}", width)]
-    lines += [unusable + last for last in frame[1:]]
+    lines += frame[1:]
     return "\n".join(lines) + "\n"
 
 
@@ -115,6 +121,8 @@ def _rows(analysis: Answer) -> dict[str, Floats]:
     if any(gear.kind != "linear" for gear in gears):
         rows["K_secant"] = np.array([gear.secant_K for gear in gears])
         rows["T_secant"] = np.array([gear.tried_Nm for gear in gears])
+    if isinstance(analysis, Analysis) and analysis.study.gear_ratios is not None:
+        rows["N"] = analysis.study.gear_ratios
     return rows
 
 

@@ -237,7 +237,7 @@ def _heading(analysis: Analysis, arm: ArmSide) -> list[str]:
         f"N^2 D,",
         "     rotor inertia N^2 J_m, Coulomb friction |N| F_c, viscous friction N^2 F_v.",
     ]
-    for j, J_m in enumerate(analysis.inertia().M):
+    for j, J_m in enumerate(analysis.inertia().M if analysis.state != NOT_USABLE else ()):
         lines.append(
             f"     Joint {j + 1}, motor side: K = {_text(fit.K[j])} N.m/rad {_error(fit.errors.K[j])}, "
             f"D = {_text(fit.D[j])} N.m.s/rad {_error(fit.errors.D[j])}, J_m = {_text(J_m)} kg.m^2."

@@ -71,7 +71,7 @@ class Budget:
                 f"{self._container} would unpack to {mebibytes(size)}, more than the limit of "
                 f"{mebibytes(MAX_TOTAL_BYTES)}.",
                 file=self._container,
-                hint="Split the study, or log less.",
+                hint="Split the study, or log less data.",
             )
 
     def spend(self, size: int, name: str) -> None:
@@ -82,8 +82,8 @@ class Budget:
                 f"{name} in {self._container}: the files unpack to more than the limit of "
                 f"{mebibytes(MAX_TOTAL_BYTES)}.",
                 file=name,
-                hint="Split the study, log less, or give its folder with the records as Parquet: long "
-                "ones are read in parts.",
+                hint="Split the study, log less data, or give its folder with the records as Parquet: "
+                "long ones are read in parts.",
             )
 
 

@@ -229,7 +229,7 @@ def _require_size(file: str, size: int, left: int) -> None:
         before = "" if left == MAX_TOTAL_BYTES else " of all records together"
         raise JointIdError(
             f"{file} would take {mebibytes(size)}, more than the limit of {limit}{before}.",
-            hint="Split the record, or log less.",
+            hint="Split the record, or log less data.",
         )
 
 

@@ -63,7 +63,7 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
     if size * (1 + 2 * joints) * 8 > LONG_BYTES:
         raise JointIdError(
             f"{_PART_PERIODS} periods of {known['frequency_hz']:g} Hz are {size} samples, beyond the "
-            "limit of one part. Check frequency_hz and the unit of time_s (seconds), or log less."
+            "limit of one part. Check frequency_hz and the unit of time_s (seconds), or log less data."
         )
     file = _LongFile(name, path, joints, first, size, known)
     beginning = next(file.parts())

@@ -1,4 +1,4 @@
-"""Residuals beside unknown friction: the projection of large systems.
+"""Residuals with unknown friction: the projection of large systems.
 
 A waveform is a torque at one motor, with an amplitude that is unknown. A basis Q of the complement of a
 motor's waveforms depends on no parameter, and the likelihood over all amplitudes is that of Qᵀr with its

@@ -80,8 +80,9 @@ def make_report(
     sections += [
         Section("Data and settings", tuple(_settings(analysis))),
         Section("Records", (_records(study),)),
-        Section("Values with all digits", tuple(_digits(analysis))),
     ]
+    if analysis.state != NOT_USABLE:
+        sections.append(Section("Values with all digits", tuple(_digits(analysis))))
     return Report(
         title=study.name or "Study without a name",
         facts=" · ".join([study.origin or "origin not stated", *study.facts]),
@@ -96,7 +97,8 @@ def _sections(
     """The answer of the motors with its evidence, and that of sensors behind the gears beside it."""
     outcome, problem = outcome_of(analysis) if cut else (None, "")
     tell(0.4, "Drawing the transfer matrix")
-    yield Section("Answer", (*_headline(analysis), *_answer(analysis, outcome)))
+    values = () if analysis.state == NOT_USABLE else _answer(analysis, outcome)
+    yield Section("Answer", (*_headline(analysis), *values))
     yield Section("Verdict", (Verdict(analysis.findings),))
     if found := analysis.sensors:
         blocks = *_state(found), Verdict(found.findings), *sensor_blocks(found, numbers)
@@ -151,7 +153,7 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
         pairs = list(zip(analysis.quantities, analysis.nominal.tolist(), strict=True))
         columns["nominal"] = [plain(reference) for _, reference in pairs]
         changes = [change_from(q.value, q.error, reference) for q, reference in pairs]
-        columns["change"] = ["–"] * len(pairs) if analysis.state == NOT_USABLE else changes
+        columns["change"] = changes
     yield replace(Table.of(columns, caption, "lrlrr"[: len(columns)]), kind="answer")
     if outcome is not None:
         yield Paragraph(
@@ -238,6 +240,8 @@ def _settings(analysis: Answer) -> Iterator[Block]:
     yield Table((), tuple(facts), kind="facts")
     if len(fit.candidates) > 1:
         yield Table.of(compared_models(fit), COMPARED_MODELS)
+    if analysis.state == NOT_USABLE:
+        return
     names = elasticity_labels(fit.n)
     fits = (fit, *analysis.fits.values())
     header, *rows = [

@@ -54,7 +54,9 @@ def planned_experiment(
     ramp_s, rest_s = bounded_number("ramp_s", "s", ramp_s), bounded_number("rest_s", "s", rest_s)
     scale = bounded_number("scale", "", scale)
     if kind not in KINDS:
-        raise JointIdError(f'kind = "{kind}": expected one of {", ".join(KINDS)}.')
+        raise JointIdError(
+            f'"{kind}" is not a way to run planned sines: choose one of {", ".join(KINDS)}.'
+        )
     if isinstance(plan, PlannedMotion):
         contents = list(_motions(plan, ramp_s))
     else:

@@ -26,7 +26,7 @@ LIMIT_KEYS = {
     "velocity_deg_s": "velocity_deg_s = [105, 101]",
     "acceleration_deg_s2": "acceleration_deg_s2 = [2600, 2600]",
     "torque_Nm": "torque_Nm = [20, 12]  # of the motors",
-    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose; else of the robot model",
+    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose; default: of the robot model",
 }
 """Keys of a limits file."""
 _OPTIONAL = ("robot", "axes", "joint_names", "load_Nm")
@@ -125,7 +125,7 @@ class RobotLimits:
         if ratios is not None and ratios.size == own.size and not np.allclose(ratios, own, rtol=1e-3):
             raise JointIdError(
                 f"gear_ratio = {own.tolist()} contradicts the study's {ratios.tolist()}: these set "
-                "points would be another motion than the plan. Give the same ratios, with their signs."
+                "points would differ from the plan. Give the same ratios, with their signs."
             )
 
 

@@ -1,6 +1,6 @@
 """Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
@@ -106,6 +106,11 @@ class Shown(Protocol):
 Answers = TypeVar("Answers", bound=Shown)
 
 
+def values_shown(found: Iterable[Quantity], state: str) -> list[str]:
+    """Values ± errors of one side of a comparison; dashes where its answer is not usable."""
+    return ["–" if state == "not usable" else quantity.shown[0] for quantity in found]
+
+
 def comparable(first: Answers, second: Answers) -> tuple[Answers, Answers]:
     """Return both answers of one kind and unit.
 
@@ -138,7 +143,7 @@ def comparison_sentence(
     """
     clear = [row for row in rows if row.first.parameter == "K" and row.is_clear]
     if not clear:
-        return f"No stiffness of {second} differs significantly from {first}"
+        return f"No stiffness of {second} differs significantly from that of {first}"
     changes = enumerated([f"joint {row.first.name[1:]} is {_change(row)}" for row in clear])
     condition = ", if the torque scales are exact" if exact_torque_scales else ""
     return f"{second} compared with {first}: {changes} (significant){condition}"

@@ -98,7 +98,7 @@ def finding_of(
             OTHER_CAUSES.get(cause.factor, "") if len(joints) == factor.size and not reversed_too else ""
         )
         titles.append(f"{other}, or {title}" if other else title)
-        details.append(f"{is_} This is about the effect of {cause.why}.")
+        details.append(f"{is_} This is roughly the effect of {cause.why}.")
         if other or cause.factor in SUBTLE:
             changes = []  # the person decides
         if other:
@@ -259,7 +259,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     for ratio, where in ((ratios, "position or torque"), (np.sqrt(ratios), "both")):
         if ratio.max() <= LARGEST_GEAR_RATIO and ratios.min() > INACCURATE:
             gears.append(f"{_values(ratio)} in {where}")
-    causes = f"a torque in units of {_values(1 / size)} N·m."
+    causes = f"a torque in multiples of {_values(1 / size)} N·m."
     if gears:
         how = "applied once too often" if size.max() < 1 else "left out"
         causes = f"a gear ratio {how}: {', or '.join(gears)}; or {causes}"
@@ -267,6 +267,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
             causes += f" The coupling between the joints points to {_SEEN[side]}"
     causes = f"{sign} The cause{' of the size' * bool(sign)} may be {causes}"
     if ratios.max() < _MOST_OF_INERTIAS:
+        title = title if sign else "A gear ratio, the unit of the torque, or M and M2 look wrong for"
         causes += " Wrong M and M2 have the same effect: check them as well."
     if sign and ratios.max() < INACCURATE:
         title, causes = (

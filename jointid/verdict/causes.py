@@ -8,7 +8,7 @@ from jointid.verdict.evidence import Action
 
 DEGREES = np.pi / 180
 CLOSE, ROUGH, NEAR = 1.03, 1.1, 1.35
-"""Ratio within which a factor counts as a known one: of a good fit, beside another fault, for a hint."""
+"""Ratio within which a factor counts as a known one: of a good fit, with another fault, for a hint."""
 GOOD = 10.0
 """Misfit below which a fit explains the records."""
 VELOCITY_UNITS = {1.0: "rad/s", DEGREES: "°/s", np.pi / 30: "rpm"}

@@ -68,7 +68,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         for k in np.flatnonzero(clear)
         if k != worst
     ]
-    also = "Both have the same inertias."
+    also = "Both fits use the same inertias."
     if others:
         also = f"With the same inertias, it also gives {enumerated(others)}."
     yield note(

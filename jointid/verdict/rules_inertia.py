@@ -239,7 +239,7 @@ def _starts_exchanged(evidence: Evidence, own: ElasticityFit) -> Iterator[Findin
         most, least = (significant(float(np.exp(each.max())), 2) for each in (as_given, left))
         yield axes_look_wrong(
             nearest,
-            f"The fitted inertias differ from the start values by factors up to {most} as given, and "
+            f"The fitted inertias differ from the start values by factors of up to {most} as given, and "
             f"up to {least} with these joints swapped. K and D follow the order of the columns.",
         )
 

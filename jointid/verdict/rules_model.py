@@ -71,7 +71,7 @@ def not_physical(evidence: Evidence) -> Iterator[Finding]:
             level = problem if fit.D[j] < -_CERTAIN * fit.errors.D[j] else warning
             yield level(
                 f"D{j + 1} is negative",
-                f"The estimate is {number(fit.D[j])} N·m·s/rad; a damping must not be negative.",
+                f"The estimate is {number(fit.D[j])} N·m·s/rad; damping must not be negative.",
                 "The torque probably leads or lags. Check its hold and delay on import, or torque_hold "
                 "and torque_delay_s in study.toml.",
                 2.0,
@@ -223,8 +223,8 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
         if np.any((constant > _COMPARABLE * speed) & (constant < speed)):
             return (
                 "Joints reverse slowly where the constant velocity is about as large as that of the "
-                "sine, and the friction there is uncertain. Choose a clearly larger constant velocity, "
-                "so that no joint reverses, or none."
+                "sine, and the friction there is uncertain. Choose a constant velocity so large that no "
+                "joint reverses, or omit it."
             )
     if fit.friction is not None:
         backlash = "" if "backlash" in fit.parameters.layout else ", backlash"

@@ -37,7 +37,7 @@ _LARGEST_FACTOR = 5e3  # degrees taken for radians twice, and a little more
 _SHORTEST_S = 0.01  # shortest plausible length of the longest record with corrected times
 _ABSORBED = 100.0  # misfit by absorbed power, from which the power alone proves a wrong sign
 _MOST_JOINTS = 4  # above, the combinations of hypotheses are too many
-_OWN_INERTIAS = "The correction includes other M and M2, which the records give: check the entered ones."
+_OWN_INERTIAS = "The correction includes M and M2 as fitted to the records: check the entered ones."
 _FACTORS = tuple(cause.factor for cause in CAUSES)
 
 

@@ -134,7 +134,7 @@ def require_small(file: str, size: int) -> None:
     if size > MAX_LOG_BYTES:
         raise JointIdError(
             f"{file} has {size / 2**20:.4g} MiB, more than the limit of "
-            f"{MAX_LOG_BYTES / 2**20:.4g} MiB. Cut it into several logs, or log less."
+            f"{MAX_LOG_BYTES / 2**20:.4g} MiB. Cut it into several logs, or log less data."
         )
 
 

@@ -278,7 +278,7 @@ def _table(parts: Sequence[JointLog], cuts: Sequence[slice], labels: Sequence[st
     said = f"{listed(names)} have the same times and columns: joined as joints logged simultaneously."
     most = max(part.table.rows for part in parts)
     if rows < most:
-        said += f" The {rows} common rows of up to {most} are used."
+        said += f" Of up to {most} rows, the {rows} common ones are used."
     notes = [f"{part.table.name}: {note}" for part in parts for note in part.table.notes]
     return replace(
         first.table,

@@ -106,7 +106,7 @@ def show_outstanding(spreads: Sequence[Spread], *, within_robot: bool) -> None:
         return
     found = [(spread, k) for spread in spreads for k in np.flatnonzero(spread.outliers)]
     if not found:
-        st.success("No outliers of this joint.")
+        st.success("No outliers for this joint.")
         return
     found.sort(key=lambda pair: -abs(float(pair[0].z[pair[1]])))
     rows = [spread.rows[k] for spread, k in found]
@@ -219,4 +219,6 @@ def label(row: Row) -> str:
 def _value(row: Row, quantity: str, j: int) -> str:
     if len(getattr(row, quantity)) <= j:
         return ""
+    if row.state == NOT_USABLE:
+        return "–"
     return with_error(getattr(row, quantity)[j], getattr(row, f"{quantity}_error")[j])

@@ -83,9 +83,9 @@ def show_robots(spreads: Sequence[Spread], drifts: Drifts) -> None:
     table(columns, height=330, phone=[*columns][:1] + [*columns][2:4])
     st.caption(
         "Median of each robot's studies. Drift: Theil–Sen slope over the dated studies, relative to the "
-        "trend at the median date, ± one standard error. Scatter alone can look like drift, most of all "
-        "among many robots and few dates: a drift is reported where chance would make one in less than "
-        f"{100 * _CHANCE:g} % of such fleets."
+        "trend at the median date, ± one standard error. Scatter alone can look like drift, "
+        "especially with many robots and few dates: a drift is reported only if chance alone would "
+        f"produce one in fewer than {100 * _CHANCE:g} % of such fleets."
     )
 
 

@@ -27,8 +27,8 @@ _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
 _SIDE_HELP = "Robot controllers often log values at the joint, drives those at their motor."
 _SIGN_HELP = (
-    "If a positive torque accelerates a joint to smaller logged positions, select the joint for either "
-    "position or torque, not both."
+    "If a positive torque accelerates a joint towards smaller logged positions, select the joint for "
+    "either position or torque, not both."
 )
 _SWITCHES = {
     ("position", "side"): (JOINT, "Position is measured at the joint, behind the gear", _SIDE_HELP),

@@ -87,7 +87,7 @@ def _unambiguous(name: str, text: str) -> tuple[float, ...]:
     )
     raise JointIdError(
         f'{name}: "{text.strip()[:60]}" can be read as {shown}. Write decimal points, '
-        f"{', '.join(said)}, or decimal commas with blanks only between the numbers, 43,5 7,5."
+        f"{', '.join(said)}, or decimal commas with spaces between the numbers, 43,5 7,5."
     )
 
 

@@ -30,7 +30,7 @@ REPORT_AT_ONCE = "report_at_once"
 """Key in the session of the study whose report is made without a click."""
 FLEET = Step("pages/10_Fleet.py", "Fleet", "Many studies side by side: spread, drift, outliers.")
 COMPARE = Step("pages/11_Compare.py", "Compare", "Two studies side by side, with their differences.")
-GLOSSARY = Step("pages/12_Glossary.py", "Glossary", "The terms of these pages.")
+GLOSSARY = Step("pages/12_Glossary.py", "Glossary", "The terms used on these pages.")
 GROUPS = {
     "Data": (OVERVIEW, RECORDS, IMPORT, SIMULATE),
     "Method": (PHASORS, TRANSFER, ELASTICITY),

@@ -22,6 +22,7 @@ from jointid.uncertainty.comparison import (
     comparable,
     compare,
     comparison_sentence,
+    values_shown,
 )
 from jointid.wording import enumerated, significant, unbroken
 
@@ -132,8 +133,8 @@ def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> 
         name + ", not usable" * (one.state == NOT_USABLE)
         for name, (_, one) in zip(("First", "Second"), pairs, strict=True)
     ]
-    columns[names[0]] = [row.first.shown[0] for row in rows]
-    columns[names[1]] = [row.second.shown[0] for row in rows]
+    columns[names[0]] = values_shown((row.first for row in rows), first.state)
+    columns[names[1]] = values_shown((row.second for row in rows), second.state)
     show_text_table(columns)
     other_unit = "" if units == (first.unit, second.unit) else ", the side that both studies have"
     what = "K and D" if isinstance(first, Analysis) and isinstance(second, Analysis) else "K"

@@ -107,7 +107,7 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         show_info(missing)
     by: ColourBy = "amplitude"
     if sines:  # a motion has no frequency
-        by = choose_segment("Colour of the records by", get_args(ColourBy), "torsion_colour")
+        by = choose_segment("Colour records by", get_args(ColourBy), "torsion_colour")
     joints = page.show_per_joint(
         f"torsion {by}",
         partial(torsion_curve, analysis.fit, colour_by=by, unit=analysis.unit),

@@ -166,7 +166,7 @@ def show_heading(page: Page) -> None:
 def show_headline(analysis: Answer, page: Page | None = None) -> None:
     """The answer as a sentence, or why it is not usable; what limits it.
 
-    With a page, the reason comes with its finding and the changes that may remedy it.
+    With a page, the reason comes with its finding and the changes that may remedy it, else with a link.
     """
     _show_state(analysis, page)
     if analysis.sensors and page is not None:  # else the page shows them itself
@@ -178,6 +178,7 @@ def _show_state(analysis: Answer, page: Page | None) -> None:
         lead = f"## {markdown_escape(analysis.headline)}"
         if page is None:
             st.error(lead)
+            workspace.link_to(OVERVIEW, f"{OVERVIEW.name}: findings and remedies")
         else:
             _finding(page, analysis, analysis.findings[0], lead)
         return
@@ -198,7 +199,9 @@ def warn_if_unusable(analysis: Answer) -> None:
 
 
 def show_tiles(analysis: Analysis) -> None:
-    """K and D of every joint with ± one standard error, against the nominal values."""
+    """K and D of every joint with ± one standard error, against the nominal values, if usable."""
+    if analysis.state == NOT_USABLE:
+        return
     n = analysis.fit.n
     found = analysis.quantities
     if n > _MOST_TILES:
@@ -237,7 +240,7 @@ def _values_table(analysis: Analysis, own: Sequence[Quantity]) -> dict[str, list
     name = own[0].parameter
     columns: dict[str, list[str]] = {"Joint": [f"{q.joints[0]}" for q in own]}
     columns[f"{name} ({own[0].unit})"] = [quantity.shown[0] for quantity in own]
-    if analysis.nominal is not None and analysis.state != NOT_USABLE:
+    if analysis.nominal is not None:
         columns[f"Nominal {name}"] = [_nominal(analysis, quantity) for quantity in own]
     return columns
 
@@ -253,11 +256,8 @@ def _nominal(analysis: Analysis, found: Quantity) -> str:
 
 def _tile(analysis: Analysis, found: Quantity) -> None:
     assumed = f"nominal {text}" if (text := _nominal(analysis, found)) else None
-    label = found.heading
-    if analysis.state == NOT_USABLE:
-        label, assumed = f":red[Not usable:] {label}", None
     st.metric(
-        label,
+        found.heading,
         found.shown[0],
         assumed,
         delta_color="off",

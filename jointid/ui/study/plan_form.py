@@ -1,4 +1,4 @@
-"""Experiment planning: limits, suggested records, and an own plan."""
+"""Experiment planning: limits, suggested records, and a custom plan."""
 
 from dataclasses import dataclass
 from functools import partial

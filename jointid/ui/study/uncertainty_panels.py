@@ -4,6 +4,7 @@ import numpy as np
 import streamlit as st
 
 from jointid import Analysis, ElasticityFit, JointIdError
+from jointid.analysis import NOT_USABLE
 from jointid.answer import (
     ERROR_BARS,
     UNSTATED_TORQUE_SCALE,
@@ -121,6 +122,8 @@ def show_inertias(analysis: Analysis) -> None:
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation that the "
         "study states. Fitted: together with K and D. σ: standard deviation of the less certain value."
     )
+    if analysis.state == NOT_USABLE:
+        return
     try:
         found = prior_influence(analysis.fit)
     except JointIdError as error:

@@ -69,7 +69,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
         signals = [
             s for name, topic in topics.items() for s in topic.signals(topic.recorded, start, name)
         ]
-        note = "Topics are merged by their times of recording."
+        note = "Topics are merged by their recording times."
         together = tables_of_signals(file, signals, (note,))
         first = () if complete else together[:1]
         together = (*first, *states, *together[len(first) :])

@@ -160,7 +160,7 @@ def find_layout(file: str, text: str) -> TextLayout:
         first_line = next((line for line in lines if line.strip()), "")
         raise JointIdError(
             f"{file} is not a table of numbers: expected columns separated by commas, semicolons, tabs "
-            f"or blanks, at least two of them numbers. First line: {first_line[:80]!r}."
+            f"or spaces, at least two of them numbers. First line: {first_line[:80]!r}."
         )
     separator, decimal, thousands, first, width = found
     first += any(lines[first + 1 :]) and _is_numbering(split_line(lines[first], separator), width)
