@@ -96,7 +96,7 @@ def other_laws(
 
 
 def _largest_torque(phasors: Phasors, prior: InertiaPrior) -> Floats:
-    """Torque through the gears: amplitude in sines, of all lines together in motions; shape (n,), N·m."""
+    """Torque through the gears, of all lines together in motions, shape (n,), N·m."""
     angles, torques = np.split(phasors.harmonics, 2, axis=2)
     omega = phasors.omega[:, None] * np.arange(1, angles.shape[1] + 1)
     lines = torques + omega[..., None] ** 2 * prior.M[prior.rotor, None] * angles

@@ -34,8 +34,9 @@ _LASTING = 2.0
 _TURNING, _TURNED = 4.83, 1 / 3
 """Samples of the step in which a parabola turns over those of its neighbours, at most 2/(√2 − 1), and
 mean square of the error's sum over them, relative to a constant error: 1/72 in place of 1/24."""
-_AT_REST = 1.5
-"""Mean square of the error in a rest over Δ²/12: a controller that moves a motor towards its reference
+_LEAST_REST, _AT_REST = 0.5, 1.5
+"""Length of a rest in a motion, in periods of its highest harmonic: shorter ones are turning points; and
+mean square of the error there over Δ²/12: a controller that moves a motor towards its reference
 leaves it near the edge of a step more often than in its middle (3 at the edge)."""
 _TURNS = 1.2020569 / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
@@ -101,15 +102,20 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
 def rounded_variance(signal: Floats, step: float, variance: float, harmonics: int) -> Floats:
     """Variance of each harmonic, times N/4, of a signal (N,) in steps, shape (H,).
 
-    ``variance`` is that of each sample. While the signal rests, the error by rounding stays the same,
-    unless other noise dithers it.
+    ``variance`` is that of each sample. While the signal rests, the error by rounding stays the
+    same, unless other noise dithers it.
     """
     white = step**2 / 12
     if not 0 < white <= variance:
         return np.full(harmonics, variance)
     undithered = math.exp(-4 * math.pi**2 * (variance - white) / step**2)
-    gain = np.maximum(_runs(signal, signal.size, harmonics)[1], 1)
-    return np.asarray(variance + undithered * white * _AT_REST * (gain - 1))
+    lengths = np.diff(np.flatnonzero(np.diff(signal)), prepend=-1, append=signal.size - 1)
+    rests, orders = (
+        lengths[lengths * harmonics > _LEAST_REST * signal.size],
+        np.arange(1, harmonics + 1)[:, None],
+    )
+    gain = _AT_REST * (rests**2 * np.sinc(orders * rests / signal.size) ** 2).sum(axis=1) / signal.size
+    return np.asarray(variance + undithered * white * gain)
 
 
 def _moving(signal: Floats) -> Floats:

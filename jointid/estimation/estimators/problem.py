@@ -118,17 +118,14 @@ class Problem:
         positive = [p.K, *(p[name] for name in ("M", "torque_scale") if name in self.layout)]
         if any(np.any(values <= 0) for values in positive) or np.any(self.stiffest <= p.K):
             return False
-        if self.laws is not None and self.laws.motors is not None and np.any(p.D < 0):
-            return False  # only the observer would hold the arms behind nonlinear gears
-        for name in _SHAPES:
-            if name in self.layout and self.laws is not None:
-                share = p[name] / self.laws.units(p)[name]
-                if np.any((share < _SHARPEST) | (share > _SLOWEST)):
-                    return False
-        units = {} if self.laws is None else self.laws.units(p)
-        bounded = [name for name in ("backlash", "hysteresis") if name in self.layout]
-        if any(np.any(np.abs(p[name]) > _LARGEST * units[name]) for name in bounded):
+        if self.laws and self.laws.motors and np.any(p.D < 0):  # only the observer would hold the arms
             return False
+        units = {} if self.laws is None else self.laws.units(p)
+        for name in (*_SHAPES, "backlash", "hysteresis"):
+            if name in self.layout and name in units:
+                low, high = (_SHARPEST, _SLOWEST) if name in _SHAPES else (-_LARGEST, _LARGEST)
+                if np.any((p[name] < low * units[name]) | (p[name] > high * units[name])):
+                    return False
         if "piecewise" in self.layout:
             least = np.minimum(p["piecewise"], p["piecewise"] + p["second_bend"])
             if np.any(p.K + least < _FLATTEST * p.K):
