@@ -117,6 +117,7 @@ def _segments(
     (n, N), fixed = part.theta.shape, record.band_hz is not None
     samples = np.concatenate([part.theta, part.tau])
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
+    steps = [quantum(theta) for theta in part.theta]
     duration_s = N * part.interval_s
     length = max(least_s, _PERIODS / band[1])
     shorter = max(_MOST_EQUATIONS / (2 * n * band[1]), _CYCLES / band[0], _PERIODS / band[1])
@@ -144,7 +145,7 @@ def _segments(
             end=end,
             velocity_noise=noise,
             velocity_blur_s=blur,
-            angle_variance=_line_variances(part, slice(begin, end), variance, highest),
+            angle_variance=_line_variances(samples[:n, begin:end], steps, variance, highest),
             repeated_variance=limits[2],
             torque_variance=variance[n:],
             least_torque_variance=limits[0],
@@ -156,12 +157,10 @@ def _segments(
     return found
 
 
-def _line_variances(part: UniformPart, samples: slice, variance: Floats, highest: int) -> Floats:
-    """Variance of each angle at each line, times N/4, shape (highest, n)."""
-    each = zip(part.theta, variance, strict=False)
-    return np.stack(
-        [rounded_variance(theta[samples], quantum(theta), own, highest) for theta, own in each], axis=1
-    )
+def _line_variances(angles: Floats, steps: Sequence[float], variance: Floats, highest: int) -> Floats:
+    """Variance of each angle (n, N) at each line, times N/4, shape (highest, n)."""
+    each = zip(angles, steps, variance, strict=False)
+    return np.stack([rounded_variance(*own, highest) for own in each], axis=1)
 
 
 def _row(segment: Segment, samples: Floats, record: MotionRecord, name: str, held: bool) -> Phasors:
