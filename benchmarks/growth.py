@@ -13,11 +13,13 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import INERTIA, TRUTH
 from benchmarks.harness import Cell, Table
 from jointid import (
     Controller,
@@ -25,22 +27,34 @@ from jointid import (
     Excitation,
     Inertia,
     Measurement,
+    Motion,
+    MotionRecord,
     Phasors,
     SineRecord,
     extract_phasors,
     identify_elasticity,
+    identify_motion,
     load_study,
+    simulate_motion,
     simulate_records,
 )
+from jointid.motion.spectra import motion_phasors
 
 ROOT = Path(__file__).parents[1]
 FULL = {
     "samples": (1e3, 1e4, 1e5, 1e6, 1e7),
     "samples, Parquet": (1e7, 1e8),
+    "samples, motion": (2e4, 4e4, 8e4, 1.6e5, 3.2e5),
     "records": (4, 16, 64, 256, 1024, 4096),
     "joints": (1, 2, 3, 4, 6, 8),
 }
-QUICK = {"samples": (1e3, 1e4), "samples, Parquet": (1e4,), "records": (4, 8), "joints": (2,)}
+QUICK = {
+    "samples": (1e3, 1e4),
+    "samples, Parquet": (1e4,),
+    "samples, motion": (1e4,),
+    "records": (4, 8),
+    "joints": (2,),
+}
 APART = "samples, Parquet"
 """Sizes that the quick run measures in processes of their own; the rest in this one."""
 COLUMNS = {
@@ -53,6 +67,7 @@ COLUMNS = {
     "exponent": "",
 }
 RATE_HZ = 1000.0
+NOISE = Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01)
 
 
 def measure(quick: bool) -> list[Table]:
@@ -86,7 +101,8 @@ def measure(quick: bool) -> list[Table]:
 NOTE = (
     "Exponent: slope of the logarithm of time over that of size between the last three sizes; 1 is "
     "linear. Records: 2,000 samples each. Joints: 72 records of 2,000 samples, so the data grow with "
-    "the joints as well. Parquet: from opening the study to its phasors, a part at a time in memory."
+    "the joints as well. Parquet: from opening the study to its phasors, a part at a time in memory. "
+    "Motion: two records of random motion with so many samples each, from the records to K and D."
 )
 
 
@@ -123,12 +139,21 @@ def _measured(what: str, size: int, folder: Path, repeats: int) -> dict[str, Any
     extract_phasors([warm])
     imports_MB = _held_MB("VmRSS")
     inertia: Inertia | None = None
+    identify: Callable[[], object] | None = None
     if what == "samples, Parquet":
         repeats = 1 if size > 1e7 else repeats
         data_MB = 40.0 * size / 1e6
 
         def extract() -> Phasors:
             return extract_phasors(load_study(folder).records)
+
+    elif what == "samples, motion":
+        motions, inertia = _motions(size)
+        data_MB = sum(8 * (1 + 2 * r.n) * r.time_s.size for r in motions) / 1e6
+        identify = partial(identify_motion, motions, inertia)
+
+        def extract() -> Phasors:
+            return motion_phasors(motions, np.tile(inertia.M, (len(motions), 1)))
 
     else:
         records, inertia = _make(what, size)
@@ -139,13 +164,12 @@ def _measured(what: str, size: int, folder: Path, repeats: int) -> dict[str, Any
 
     _forget_peak()
     seconds, found = _timed(extract, repeats)
-    identify = None
-    if inertia is not None:
-        identify, _ = _timed(lambda: identify_elasticity(found, inertia), min(repeats, 3))
+    if inertia is not None and identify is None:
+        identify = partial(identify_elasticity, found, inertia)
     return {
         "size": size,
         "phasors": seconds,
-        "identify": identify,
+        "identify": identify and _timed(identify, min(repeats, 3))[0],
         "memory_MB": _held_MB("VmHWM") - imports_MB,
         "data_MB": data_MB,
     }
@@ -169,6 +193,12 @@ def _records_of(rate_hz: float, joints: int, samples: int) -> SineRecord:
     return SineRecord(3.3, t, signal[:, :joints], signal[:, joints:])
 
 
+def _motions(samples: int) -> tuple[tuple[MotionRecord, ...], Inertia]:
+    """Two records of two joints."""
+    motion = Motion("random", duration_s=samples / RATE_HZ)
+    return simulate_motion(INERTIA, TRUTH, motion, records=2, measurement=NOISE), INERTIA
+
+
 def _make(what: str, size: int) -> tuple[tuple[SineRecord, ...], Inertia | None]:
     if what == "samples":
         return (_records_of(RATE_HZ, 2, size),), None
@@ -184,7 +214,7 @@ def _make(what: str, size: int) -> tuple[tuple[SineRecord, ...], Inertia | None]
         np.geomspace(3.0, 30.0, count // per_frequency),
         excitation=Excitation(duration_s=2.0, records_per_frequency=per_frequency),
         controller=Controller(sample_rate_hz=RATE_HZ),
-        measurement=Measurement(position_noise_rad=1e-5, torque_noise_Nm=0.01),
+        measurement=NOISE,
         seed=5,
     )
     return records, inertia

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from plants import exact_phasors
+from scipy.interpolate import CubicSpline
 
 from jointid import Inertia, JointIdError, MotionRecord
 from jointid.arrays import Floats
@@ -418,6 +419,22 @@ def test_arms_follow_their_motors_by_the_equation() -> None:
     np.testing.assert_allclose(torque, gear + offset, atol=2e-3 * np.abs(gear).max())
     by_torque = arms._by_torque(speed, gear, step)[:, 100:-1]
     np.testing.assert_allclose(by_torque, moved[:, 100:-1], atol=0.02 * np.abs(moved).max())
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_a_part_of_a_record_needs_its_torque_only_nearby(held: bool) -> None:
+    """A spline of the whole record in every segment took time and memory by the square of its length."""
+    torque, late = np.random.default_rng(0).standard_normal((1, 5000)), 12.3
+    segment = segment_of(torque, torque, 1e-3, held=held, begin=2000, end=2500)
+    far = torque.copy()
+    far[:, :1900] = far[:, 2600:] = np.nan
+    places = np.arange(2000, 2500) - late
+    found = segment._torque_at(0, places)
+    spline = CubicSpline(np.arange(5000), torque[0])
+    integral = spline.antiderivative()
+    expected = integral(places) - integral(places - 1) if held else spline(places)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_array_equal(replace(segment, torque=far)._torque_at(0, places), found)
 
 
 def test_noise_of_motions_is_within_its_limits_and_shared_by_records() -> None:
