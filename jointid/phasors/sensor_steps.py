@@ -110,10 +110,8 @@ def rounded_variance(signal: Floats, step: float, variance: float, harmonics: in
         return np.full(harmonics, variance)
     undithered = math.exp(-4 * math.pi**2 * (variance - white) / step**2)
     lengths = np.diff(np.flatnonzero(np.diff(signal)), prepend=-1, append=signal.size - 1)
-    rests, orders = (
-        lengths[lengths * harmonics > _LEAST_REST * signal.size],
-        np.arange(1, harmonics + 1)[:, None],
-    )
+    rests = lengths[lengths * harmonics > _LEAST_REST * signal.size]
+    orders = np.arange(1, harmonics + 1)[:, None]
     gain = _AT_REST * (rests**2 * np.sinc(orders * rests / signal.size) ** 2).sum(axis=1) / signal.size
     return np.asarray(variance + undithered * white * gain)
 
