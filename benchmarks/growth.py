@@ -148,12 +148,11 @@ def _measured(what: str, size: int, folder: Path, repeats: int) -> dict[str, Any
             return extract_phasors(load_study(folder).records)
 
     elif what == "samples, motion":
-        motions, inertia = _motions(size)
-        data_MB = sum(8 * (1 + 2 * r.n) * r.time_s.size for r in motions) / 1e6
-        identify = partial(identify_motion, motions, inertia)
+        motions, data_MB = _motions(size), 2 * 40.0 * size / 1e6
+        identify = partial(identify_motion, motions, INERTIA)
 
         def extract() -> Phasors:
-            return motion_phasors(motions, np.tile(inertia.M, (len(motions), 1)))
+            return motion_phasors(motions, np.tile(INERTIA.M, (len(motions), 1)))
 
     else:
         records, inertia = _make(what, size)
@@ -164,7 +163,7 @@ def _measured(what: str, size: int, folder: Path, repeats: int) -> dict[str, Any
 
     _forget_peak()
     seconds, found = _timed(extract, repeats)
-    if inertia is not None and identify is None:
+    if inertia is not None:
         identify = partial(identify_elasticity, found, inertia)
     return {
         "size": size,
@@ -193,10 +192,11 @@ def _records_of(rate_hz: float, joints: int, samples: int) -> SineRecord:
     return SineRecord(3.3, t, signal[:, :joints], signal[:, joints:])
 
 
-def _motions(samples: int) -> tuple[tuple[MotionRecord, ...], Inertia]:
+def _motions(samples: int) -> tuple[MotionRecord, ...]:
     """Two records of two joints."""
     motion = Motion("random", duration_s=samples / RATE_HZ)
-    return simulate_motion(INERTIA, TRUTH, motion, records=2, measurement=NOISE), INERTIA
+    controller = Controller(sample_rate_hz=RATE_HZ)
+    return simulate_motion(INERTIA, TRUTH, motion, controller=controller, measurement=NOISE)
 
 
 def _make(what: str, size: int) -> tuple[tuple[SineRecord, ...], Inertia | None]:

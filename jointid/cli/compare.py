@@ -50,8 +50,8 @@ def compare(
         return
     _print_heading(names, found, rows, usable)
     columns = {"": [f"{row.first.name} ({row.first.unit})" for row in rows]}
-    columns["first"] = values_shown((row.first for row in rows), found[0].state)
-    columns["second"] = values_shown((row.second for row in rows), found[1].state)
+    columns["first"] = values_shown((row.first for row in rows), usable=found[0].state != NOT_USABLE)
+    columns["second"] = values_shown((row.second for row in rows), usable=found[1].state != NOT_USABLE)
     if usable:
         columns["difference"] = [row.change for row in rows]
         columns["significant"] = [row.significance for row in rows]

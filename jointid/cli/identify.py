@@ -64,12 +64,13 @@ def _print_answer(analysis: Answer) -> None:
     """Values and findings; of an answer of the motors that is not usable the findings only."""
     if analysis.state != NOT_USABLE:
         _print_tables(analysis)
+        _print_findings(analysis)
+        return
     _print_findings(analysis)
-    if analysis.state == NOT_USABLE:
-        if isinstance(analysis, ArmSideAnalysis):
-            _print_tables(analysis)
-        else:
-            print("\nK and D are not shown because they are not usable.")
+    if isinstance(analysis, ArmSideAnalysis):
+        _print_tables(analysis)
+    else:
+        print("\nK and D are not shown because they are not usable.")
 
 
 def _print_findings(analysis: Answer) -> None:

@@ -109,7 +109,7 @@ def rounded_variance(signal: Floats, step: float, variance: float, harmonics: in
     if not 0 < white <= variance:
         return np.full(harmonics, variance)
     undithered = math.exp(-4 * math.pi**2 * (variance - white) / step**2)
-    lengths = np.diff(np.flatnonzero(np.diff(signal)), prepend=-1, append=signal.size - 1)
+    lengths = _run_lengths(signal)
     rests = lengths[lengths * harmonics > _LEAST_REST * signal.size]
     orders = np.arange(1, harmonics + 1)[:, None]
     gain = _AT_REST * (rests**2 * np.sinc(orders * rests / signal.size) ** 2).sum(axis=1) / signal.size
@@ -162,14 +162,20 @@ def unresolved_variance(records: Sequence[SineRecord]) -> Floats:
     return variance
 
 
+def _run_lengths(signal: Floats) -> np.ndarray:
+    """Numbers of equal samples in a row."""
+    ends = np.flatnonzero(signal[1:] != signal[:-1])
+    return np.diff(ends, prepend=-1, append=signal.size - 1)
+
+
 def _runs(signal: Floats, period: float, harmonics: int) -> tuple[float, Floats]:
     """Mean number of equal samples in a row, by sample, and what counts of it at each harmonic (H,).
 
     The error is a ramp through zero in a step that the signal crosses, constant where it rests, and
     smaller where it turns.
     """
-    ends = np.flatnonzero(signal[1:] != signal[:-1])
-    lengths = np.diff(ends, prepend=-1, append=signal.size - 1)
+    lengths = _run_lengths(signal)
+    ends = np.cumsum(lengths[:-1]) - 1
     rises = np.sign(signal[ends + 1] - signal[ends])
     crosses = np.zeros(lengths.size, bool)
     crosses[1:-1] = rises[1:] == rises[:-1]

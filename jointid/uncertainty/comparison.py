@@ -106,9 +106,9 @@ class Shown(Protocol):
 Answers = TypeVar("Answers", bound=Shown)
 
 
-def values_shown(found: Iterable[Quantity], state: str) -> list[str]:
+def values_shown(found: Iterable[Quantity], *, usable: bool) -> list[str]:
     """Values ± errors of one side of a comparison; dashes where its answer is not usable."""
-    return ["–" if state == "not usable" else quantity.shown[0] for quantity in found]
+    return [quantity.shown[0] if usable else "–" for quantity in found]
 
 
 def comparable(first: Answers, second: Answers) -> tuple[Answers, Answers]:

@@ -133,8 +133,8 @@ def show_differences(page: Page, first: Answer, other: Page, second: Answer) -> 
         name + ", not usable" * (one.state == NOT_USABLE)
         for name, (_, one) in zip(("First", "Second"), pairs, strict=True)
     ]
-    columns[names[0]] = values_shown((row.first for row in rows), first.state)
-    columns[names[1]] = values_shown((row.second for row in rows), second.state)
+    columns[names[0]] = values_shown((row.first for row in rows), usable=first.state != NOT_USABLE)
+    columns[names[1]] = values_shown((row.second for row in rows), usable=second.state != NOT_USABLE)
     show_text_table(columns)
     other_unit = "" if units == (first.unit, second.unit) else ", the side that both studies have"
     what = "K and D" if isinstance(first, Analysis) and isinstance(second, Analysis) else "K"
