@@ -58,6 +58,7 @@ def test_two_analyses_of_a_study_agree_or_are_both_refused() -> None:
         9100407,
         9101790,
         9109096,
+        80000105,
         500522,
         500332,
         500968,

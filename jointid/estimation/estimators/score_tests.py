@@ -160,12 +160,13 @@ def scores_per_turn(
     left = left - base @ (base.T @ left)
 
     def decrease(columns: Complexes) -> Floats:
-        """Decrease, and factors, for columns (r, H, n, c n) of c waves, shape (1 + c, n)."""
+        """Decrease, and factors up to a scale, for columns (r, H, n, c n) of c waves, shape (1 + c, n)."""
         rows = residual.projection.rows(columns).reshape(left.size, -1)
         rows -= base @ (base.T @ rows)
         found = []
         for j in range(n):
             own = rows[:, j::n]
+            own = own / max(np.abs(own).max(), np.finfo(float).tiny)  # angles may be as small as 1e-300
             factors = np.linalg.lstsq(own, -left, rcond=_RANK)[0]
             found.append([(left**2).sum() - ((left + own @ factors) ** 2).sum(), *factors])
         return np.array(found).T
