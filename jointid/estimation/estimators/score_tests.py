@@ -160,7 +160,7 @@ def scores_per_turn(
     left = left - base @ (base.T @ left)
 
     def decrease(columns: Complexes) -> Floats:
-        """Decrease, and factors up to a scale, for columns (r, H, n, c n) of c waves, shape (1 + c, n)."""
+        """Decrease, and factors up to a scale, for columns (r, H, n, c n) of c waves, (1 + c, n)."""
         rows = residual.projection.rows(columns).reshape(left.size, -1)
         rows -= base @ (base.T @ rows)
         found = []
