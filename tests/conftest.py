@@ -208,18 +208,24 @@ def one_command() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def kept_analyses() -> Iterator[None]:
     """Analyse a study once a session: pages, commands and tests ask for the same ones."""
-    from jointid import analysis
+    from jointid import JointIdError, analysis
     from jointid.files.digest import study_digest
 
     analyse = analysis._analyse
-    kept: dict[tuple[str, str], Analysis] = {}
+    kept: dict[tuple[str, str], Analysis | JointIdError] = {}
 
     @functools.wraps(analyse)
     def once(study: Study, method: str, known: Analysis | None = None) -> Analysis:
         key = study_digest(study), method
         if key not in kept:
-            kept[key] = analyse(study, method, known)
-        return replace(kept[key], study=study)
+            try:
+                kept[key] = analyse(study, method, known)
+            except JointIdError as error:
+                kept[key] = error
+        found = kept[key]
+        if isinstance(found, JointIdError):
+            raise found.with_traceback(None)
+        return replace(found, study=study)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(analysis, "_analyse", once)

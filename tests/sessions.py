@@ -32,6 +32,10 @@ class Session:
         self.begun: Any = None
         """Message of the server at the start of the last run: pages, theme."""
         self.sent: list[Any] = []
+        self.heard: set[str] = set()
+        """Hashes of all elements: the client may keep them all."""
+        self.references = 0
+        """Messages that stand for one that the client should have kept."""
         self.asked: list[Any] = []
         """Reruns of its own that the page last run has asked for: interval and fragment."""
 
@@ -59,6 +63,7 @@ class Session:
         message.rerun_script.query_string = self.query
         message.rerun_script.fragment_id = fragment
         message.rerun_script.is_auto_rerun = bool(fragment)
+        message.rerun_script.cached_message_hashes.extend(self.heard)
         message.rerun_script.widget_states.widgets.extend(self.widgets.values())
         self.socket.send(message.SerializeToString())
         self.asked = []
@@ -72,6 +77,9 @@ class Session:
                 self.begun = got.new_session
             elif kind == "delta" and got.delta.WhichOneof("type") == "new_element":
                 self.sent.append(got.delta.new_element)
+                self.heard.add(got.hash)
+            elif kind == "ref_hash":
+                self.references += 1
             elif kind == "auto_rerun":
                 self.asked.append(got.auto_rerun)
             elif kind == "script_finished":

@@ -852,13 +852,13 @@ def test_moves_with_rests_and_a_coarse_encoder_have_no_false_warning() -> None:
     assert np.all(np.abs(answer.fit.estimate - TRUE) < 4 * answer.fit.standard_error)
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("sweep", 2), ("moves", 2)])
+@pytest.mark.parametrize(("kind", "seed"), [("sweep", 1), ("moves", 2)])
 def test_gears_that_harden_much_are_identified_from_quick_motions(kind: str, seed: int) -> None:
     """Sweeps: most arms ended on another branch of their resonance. Moves: D was negative.
 
     The torque beyond K δ is about that of the linear gear at the peak.
     """
-    motion = Motion(kind, seed=seed, duration_s=tries(10.0, long=20.0))
+    motion = Motion(kind, seed=seed, duration_s=5.0)
     torque = 0.6 * np.max([np.abs(record.tau_Nm).max(axis=0) for record in records(motion)], axis=0)
     cubic = CELL.K**3 / torque**2
     logs = simulate([(replace(CELL, cubic=cubic), motion)])[0]

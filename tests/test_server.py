@@ -200,6 +200,17 @@ def test_a_simulated_session_chooses_the_default_again(server: Server) -> None:
             assert ("estimator=weighted" in session.query) == (method == "weighted")
 
 
+def test_no_message_stands_for_one_that_a_page_may_have_dropped(server: Server) -> None:
+    """Asked for while another page still ran, a page kept a figure for the next run no longer.
+
+    Its browser then gave up the connection for good, in the middle of a page.
+    """
+    with closing(Session(server.address)) as session:
+        figures = [len([e for e in session.run("Records") if e.HasField("plotly_chart")]) for _ in "12"]
+        assert figures[0] == figures[1] > 0
+        assert session.references == 0
+
+
 def test_descriptors_are_released_after_sessions_end(server: Server) -> None:
     with visiting(server):
         pass

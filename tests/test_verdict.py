@@ -760,8 +760,8 @@ def one_scaled(
     ("k", "method"),
     [(0, "auto"), (5, "weighted"), (3, "least-squares")]
     + [long(k, "auto") for k in range(1, 6)]
-    + [long(k, "weighted") for k in range(5)]
-    + [long(k, "least-squares") for k in (0, 1, 2, 4, 5)],
+    + [long(k, "weighted") for k in range(1, 5)]
+    + [long(k, "least-squares") for k in (1, 2, 4, 5)],
 )
 def test_one_record_in_degrees_is_named_without_a_finding_about_inertia(k: int, method: str) -> None:
     analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)

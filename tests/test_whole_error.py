@@ -87,6 +87,7 @@ def logs() -> dict[tuple[str, str], list[tuple[Campaign, list[SineRecord]]]]:
         (kind, name): [shorter(case).campaign(run) for run in range(RUNS)]
         for kind, cases in KINDS.items()
         for name, case in cases.items()
+        if kind != tries("others", long="")  # only a long run analyses them
     }
     records = iter(simulate([(c.robot, c.experiment) for some in campaigns.values() for c in some]))
     return {name: [(c, next(records)) for c in some] for name, some in campaigns.items()}
