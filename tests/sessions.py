@@ -72,6 +72,8 @@ class Session:
                 self.begun = got.new_session
             elif kind == "delta" and got.delta.WhichOneof("type") == "new_element":
                 self.sent.append(got.delta.new_element)
+            elif kind == "delta" and got.delta.WhichOneof("type") == "new_transient":  # a spinner
+                self.sent += got.delta.new_transient.elements
             elif kind == "auto_rerun":
                 self.asked.append(got.auto_rerun)
             elif kind == "script_finished":
