@@ -35,7 +35,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity", "Cut", "Plan", "Report")
 MINUTES = {"minute": "", "reruns": ".0f", "95th percentile": "ms", "longest": "ms",
            "memory, MB": ".0f", "descriptors": ".0f"}  # fmt: skip
-COLUMNS = {"reruns": "", "count": ".0f", "median": "ms", "95th percentile": "ms", "longest": "ms"}
+COLUMNS = {"reruns": "", "count": ".0f", "median": "ms", "95th percentile": "ms", "longest": "ms",
+           "in a queue": ".0f"}  # fmt: skip
 LEAVING_S = 90.0
 ZONE, ZONE_MM = "Corner zone (mm)", 10.0
 
@@ -114,9 +115,13 @@ class Crowd:
     def tables(self) -> Iterator[Table]:
         """Run, and return reruns by kind and the server by minute."""
         note = self.run()
-        rows = [_row("every rerun", [r.took_s for r in self.took])]
+        rows = [_row("every rerun", self.took)]
         for kind in (SEEN, NEW, OPENED):
-            rows.append(_row(kind, [r.took_s for r in self.took if r.kind == kind]))
+            rows.append(_row(kind, [r for r in self.took if r.kind == kind]))
+        for page in PAGES:
+            for kind, when in ((NEW, "first"), (SEEN, "again")):
+                name = f"{page.replace('_', ' ') or 'Study'}, {when}"
+                rows.append(_row(name, [r for r in self.took if (r.page, r.kind) == (page, kind)]))
         whose = "one study" if self.shared else "a study each"
         yield Table(
             f"sessions, {whose}",
@@ -129,7 +134,8 @@ class Crowd:
                 f"{self.thinking_s[0]:g} to {self.thinking_s[1]:g} s until {self.lasting_s:g} s: "
                 "another page, or on it another record, estimator or corner zone of the cut. Opening is "
                 "the first screen of a study that the server keeps. The first time is that of this "
-                "study with this page, estimator and setting, and what the first screen adds by itself.",
+                "study with this page, estimator and setting, and what the first screen adds by itself. "
+                "In a queue: the page said that the server is busy.",
                 note,
             ),
         )
@@ -194,8 +200,11 @@ class Rerun:
     """One rerun that a user waited for."""
 
     kind: str
+    page: str
     begin_s: float
     took_s: float
+    queued: bool
+    """Whether the page said that computations of others come first."""
 
 
 @dataclass
@@ -246,15 +255,18 @@ class Person:
         key = (page, self.settings.get("Estimator", ""), self.settings.get(page, ""))
         begin = time.perf_counter()
         elements = self.session.run(page, query)
-        self._note(kind or (SEEN if key in self.seen else NEW), time.perf_counter() - begin)
+        took = time.perf_counter() - begin
+        queued = any("in the queue" in element.spinner.text for element in elements)
+        self._note(kind or (SEEN if key in self.seen else NEW), took, queued)
         self.seen.add(key)
         if any(element.HasField("exception") for element in elements):
             raise RuntimeError(f"page {page or 'Study'} shows an exception")
         if self.session.asked and (took := self.session.settle()):
             self._note(NEW, took)
 
-    def _note(self, kind: str, took_s: float) -> None:
-        self.took.append(Rerun(kind, time.monotonic() - self.begin - took_s, took_s))
+    def _note(self, kind: str, took_s: float, queued: bool = False) -> None:
+        begin_s = time.monotonic() - self.begin - took_s
+        self.took.append(Rerun(kind, self.page, begin_s, took_s, queued))
 
 
 def _chosen(person: Person, label: str, kept_as: str) -> bool:
@@ -305,15 +317,17 @@ def _kept(sample: Study, number: int, store: Store) -> tuple[str, str]:
     return place, entry.digest
 
 
-def _row(name: str, seconds: list[float]) -> dict[str, Any]:
-    if not seconds:
+def _row(name: str, reruns: list[Rerun]) -> dict[str, Any]:
+    if not reruns:
         return {}
+    seconds = [rerun.took_s for rerun in reruns]
     return {
         "reruns": name,
-        "count": float(len(seconds)),
+        "count": float(len(reruns)),
         "median": float(np.median(seconds)),
         "95th percentile": _high(seconds),
         "longest": max(seconds),
+        "in a queue": float(sum(rerun.queued for rerun in reruns)),
     }
 
 

@@ -80,6 +80,8 @@ class Session:
                 self.heard.add(got.hash)
             elif kind == "ref_hash":
                 self.references += 1
+            elif kind == "delta" and got.delta.WhichOneof("type") == "new_transient":  # a spinner
+                self.sent += got.delta.new_transient.elements
             elif kind == "auto_rerun":
                 self.asked.append(got.auto_rerun)
             elif kind == "script_finished":

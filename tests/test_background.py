@@ -231,23 +231,19 @@ def test_processes_start_with_the_first_page(
         assert first.result(PATIENCE_S) == "long"
 
 
-def test_with_processes_one_computation_at_a_time_runs_here(
-    pool: Pool, held: tuple[Callable[[], str], Event, Event], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("has_turn", [False, True])
+def test_with_processes_nothing_runs_here(
+    pool: Pool, monkeypatch: pytest.MonkeyPatch, has_turn: bool
 ) -> None:
-    """Otherwise all queued calls would run in this process and slow every page."""
+    """Otherwise queued calls would run in this process and slow every page."""
     for name in ("_LONGEST_TURN_S", "_PATIENCE_S"):
         monkeypatch.setattr(results, name, 0.01)
-    long, began, end = held
-    with ThreadPoolExecutor(2) as threads:
-        first = threads.submit(run_in_background, long)
-        assert began.wait(PATIENCE_S)
+    with ThreadPoolExecutor(1) as threads, nullcontext() if has_turn else results._turn:
         worker = answers(pool)
         busy = threads.submit(pool.call, sleep, 0.4)
         until(lambda: pool._idle.empty())
         assert run_in_background(os.getpid) == worker, "it waits for the process"
         busy.result(PATIENCE_S)
-        end.set()
-        assert first.result(PATIENCE_S) == "long"
 
 
 def test_the_lock_is_released_after_an_error(pool: Pool) -> None:

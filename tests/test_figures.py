@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from plotly.io import to_json
 
 from jointid import Analysis, Friction, Inertia, JointIdError, SineRecord, Study, analyse, motor_response
 from jointid.answer import StiffnessUnit, gear_terms
@@ -55,6 +56,11 @@ def trace(figure: go.Figure, name: str, which: int = 0) -> Any:
     found = [t for t in figure.data if t.name == name]
     assert found, [t.name for t in figure.data]
     return found[which]
+
+
+def test_figures_are_written_as_plotly_writes_them(analyses: dict[int, Analysis]) -> None:
+    for name, figure in every_figure(analyses[2], dark=False).items():
+        assert to_json(figure) == to_json(go.Figure.to_dict(figure), validate=False), name
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3])

@@ -97,6 +97,18 @@ def test_another_session_at_the_address_continues(studies: dict[int, Study], joi
     assert [m.value for m in again.metric] == [m.value for m in at.metric]
 
 
+def test_a_study_in_use_is_read_once(studies: dict[int, Study], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its results hold it, also when more studies are in use than the cache of studies keeps."""
+    at = upload(begun(), studies[1])
+    address = address_of(at)
+    in_use = workspace._in_use[address["study"]]
+    workspace._load_kept.clear()
+    monkeypatch.setattr(Store, "read", None)
+    again = begun(**address)
+    assert again.selectbox(key="study").value == at.selectbox(key="study").value
+    assert workspace._in_use[address["study"]] is in_use
+
+
 def test_without_the_address_no_study_is_visible(studies: dict[int, Study]) -> None:
     """The data sent to the browser do not name the study either."""
     mine, theirs = upload(begun(), studies[1]), upload(begun(), studies[3], "theirs.zip")

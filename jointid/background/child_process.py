@@ -145,7 +145,9 @@ class Child:
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 env=os.environ | dict.fromkeys(_THREADS, "1"),
-                start_new_session=True,  # Ctrl-C in a terminal reaches the parent only
+                # Ctrl-C in a terminal reaches the parent only. Not a session of its own: Linux shares
+                # the processors among sessions, and priorities count only within one.
+                process_group=0,
             )
         except OSError as error:
             raise JointIdError(

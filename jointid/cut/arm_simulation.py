@@ -153,16 +153,17 @@ class ManyArms:
         gears: GearLaws | None = None,
     ) -> None:
         n2 = arm.gear_ratio[:, None] ** 2
-        rotor = arm.rotor_inertia_arm_kgm2[:, None]
+        each = np.ones((2, runs))  # numpy multiplies arrays of equal shape faster
         coulomb, viscous = friction_values(friction)
         a, b, self._c = arm.moments
         self._dt, self._serial = dt, arm.drive == "serial"
-        self._K, self._D, self._F = n2 * K, n2 * D, n2 * viscous[:, None]
-        self._kick = dt / rotor
+        self._K, self._D, self._F = n2 * K * each, n2 * D * each, n2 * viscous[:, None] * each
+        self._kick = dt / arm.rotor_inertia_arm_kgm2[:, None] * each
         self._slows = np.abs(arm.gear_ratio * coulomb)[:, None] * self._kick
+        self._stops = -self._slows
         self._slides = not coulomb.any()
         self._gears = None if gears is None else GearState(gears, np.zeros(2))
-        self._ab, self._ba = a * b, np.array([[b], [a]])
+        self._ab, self._ba = a * b, np.array([[b], [a]]) * each
         self.link = np.repeat(arm.link_angles(joint_angle_rad)[:, None], runs, axis=1)
         self.motor = np.repeat(joint_angle_rad[:, None], runs, axis=1)
         still = np.zeros((2, runs))
@@ -188,11 +189,16 @@ class ManyArms:
         coupling, h = self._c * np.cos(bend), self._c * np.sin(bend)
         load[0] += h * square[1]
         load[1] -= h * square[0]
-        v = (self._ba * load - coupling * load[::-1]) * (dt / (self._ab - coupling * coupling))
+        v = self._ba * load
+        v -= coupling * load[::-1]
+        v *= dt / (self._ab - coupling * coupling)
         v += self._link_before
-        w = (torque - spring - self._F * self.motor_rate) * self._kick + self._motor_before
+        w = torque - spring
+        w -= self._F * self.motor_rate
+        w *= self._kick
+        w += self._motor_before
         if not self._slides:  # friction reduces the rotor's speed, at most to zero
-            w = w - np.minimum(np.maximum(w, -self._slows), self._slows)
+            w -= np.minimum(np.maximum(w, self._stops), self._slows)
         self.link, self.motor = link + v * dt, self.motor + w * dt
         self._link_rate = 1.5 * v - 0.5 * self._link_before
         self.motor_rate = 1.5 * w - 0.5 * self._motor_before

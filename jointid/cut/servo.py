@@ -131,7 +131,8 @@ def run_servo(
     """
     angle, rate, feed = map(list, (plan.angle, plan.rate, plan.torque))
     gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
-    kp, kv, count, limit = (x[:, None] for x in gains)
+    each = np.ones(np.shape(plant.motor))  # numpy multiplies arrays of equal shape faster
+    kp, kv, count, limit = (x[:, None] * each for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
     differentiated, interval = plan.servo.differentiated_velocity, plan.servo.interval_s
     waiting = deque([np.zeros_like(kp)] * plan.servo.delay_samples)
@@ -145,12 +146,16 @@ def run_servo(
             if progress is not None:
                 progress(k / len(feed))
         if quantised:
-            y = count * np.rint(y / count)
+            y = np.rint(y / count)
+            y *= count
         if differentiated:
             speed, past = (y - (past if k else y)) / interval, y
         else:
             speed = plant.motor_rate
-        waiting.append(kp * (angle[k] - y) + kv * (rate[k] - speed))
+        control = angle[k] - y
+        control *= kp
+        control += kv * (rate[k] - speed)
+        waiting.append(control)
         new = feedforward + waiting.popleft()
         if limited:
             new = np.clip(new, -limit, limit)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from jointid.ui.shared.entries import choose_from, enter_number, enter_text, num
 from jointid.ui.shared.messages import show_error
 from jointid.wording import capitalised, counted
 
+_rectangle = lru_cache(maxsize=64)(rectangle)  # a page asks for each of its paths several times
 _ZONE_MM, _SIDES_MM, _SPEED_MM_S = 10.0, (28.0, 45.0), 300.0
 """Figure 7's path at its largest zone; sides and speed are the paper's."""
 _NUMBERS: dict[str, dict[str, tuple[Any, ...]]] = {
@@ -83,7 +85,7 @@ class CutSettings:
     @property
     def toolpath(self) -> Toolpath:
         """The reference path."""
-        return rectangle(
+        return _rectangle(
             width_m=self.width_m,
             height_m=self.height_m,
             speed_m_s=self.speed_m_s,

@@ -7,6 +7,7 @@ loop and three descriptors, until another tab closes.
 
 import asyncio
 import gc
+import inspect
 import os
 import sys
 from collections.abc import AsyncIterator
@@ -121,6 +122,7 @@ def prepare() -> None:
     """Get the first screen ready while the first browser still loads its own code."""
     for name in _FIRST_SCREEN:
         import_module(name)
+    inspect.stack()  # streamlit asks for it on the first page: 0.09 s until all modules are known
     import_module("jointid.ui.shared.page").analyse_first_sample()
     gc.freeze()  # else each full collection stops all sessions for 0.1 s
 

@@ -243,7 +243,7 @@ def _stop(begun: Computation[Any], key: Hashable) -> None:
         st.session_state["stopped"] = key
 
 
-@st.cache_resource(max_entries=240, show_spinner=False)
+@st.cache_resource(max_entries=600, show_spinner=False)  # a dozen of each of fifty people
 def _figure(digest: str, shown: tuple[str, str, bool], what: str, _draw: Callable[..., Any]) -> Any:
     return _draw(dark=shown[2])
 

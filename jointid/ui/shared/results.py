@@ -22,7 +22,8 @@ from jointid.wording import counted
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
-_PROCESSES = min(4, os.cpu_count() or 1)
+_PROCESSES = min(4, (os.cpu_count() or 1) + 1)
+"""One more than processors: a long computation then holds up no short one."""
 _PRELOADED = (
     "jointid.study",
     "jointid.cut.outcome",
@@ -54,7 +55,7 @@ last_seen: dict[str, float] = {}
 """Time of the last page of each session: the server closes sessions whose tab has closed, s."""
 
 _threads = ThreadPoolExecutor(16, thread_name_prefix="background")
-"""They wait for worker processes; computations in this process take turns."""
+"""They wait for worker processes; before there are any, computations here take turns."""
 
 
 @cache
@@ -96,17 +97,17 @@ def _computed(
                 about: dict[str, Any] = {"progress": progress, "patience_s": _PATIENCE_S}
                 found: Found = _pool().call(function, *given, **about, stop=stop)
                 return found
-            # In this process, one at a time: of fifty people in the queue, each would slow all pages.
-            with _turn_here(session) as has_turn:
+            # Not in this process once there are others: it would slow all pages.
+            with _turn_here(session):
                 stop.check()
-                if has_turn or not _pool().is_ready:
+                if not _pool().is_ready:
                     return function(*given, **({} if progress is None else {"progress": progress}))
     finally:
         _asked.discard(mine)
 
 
 @contextmanager
-def _turn_here(session: str) -> Iterator[bool]:
+def _turn_here(session: str) -> Iterator[None]:
     """Wait a while for a turn in this process; soon after the first page the workers start."""
     if session:
         later = Timer(_UNDISTURBED_S, _pool().start)
@@ -114,7 +115,7 @@ def _turn_here(session: str) -> Iterator[bool]:
         later.start()
     mine = _turn.acquire(timeout=_LONGEST_TURN_S)  # bounded: a turn may be long
     try:
-        yield mine
+        yield
     finally:
         if mine:
             _turn.release()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
+from weakref import WeakValueDictionary
 
 import streamlit as st
 from streamlit.delta_generator import DeltaGenerator
@@ -311,12 +312,22 @@ def _load_sample(key: str, path: str, changed_ns: int, size: int) -> Opened:
 
 @st.cache_resource(max_entries=32, show_spinner="Reading the stored study")
 def _load_kept(folder: str, entry: str, checksum: str, _place: str, _digest: str) -> tuple[str, Study]:
-    """Read a study from the store; the entry's id is as random as the workspace's."""
-    study = load_study(store().read(_place, entry))
-    if study_digest(study) != _digest:
-        store().set_aside(_place, entry, "its content has changed")
-        raise JointIdError("The stored copy of this study is damaged: open its file again.")
+    """Read a study from the store, unless a result of it is in memory, and with it the study.
+
+    The entry's id is as random as the workspace's.
+    """
+    study = _in_use.get(_digest)
+    if study is None:
+        study = load_study(store().read(_place, entry))
+        if study_digest(study) != _digest:
+            store().set_aside(_place, entry, "its content has changed")
+            raise JointIdError("The stored copy of this study is damaged: open its file again.")
+        _in_use[_digest] = study
     return _digest, study
+
+
+_in_use: WeakValueDictionary[str, Study] = WeakValueDictionary()
+"""Studies read from the store that are still in memory, by digest."""
 
 
 def _in_session() -> dict[str, Opened]:
