@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from types import MappingProxyType
 from typing import ClassVar, Self, TypeVar
 
@@ -27,7 +26,7 @@ from jointid.small_matrices import one_thread
 from jointid.study import Study, fits_with_motion, motion_matrices, motions_by_pose, sine_matrices
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
-from jointid.verdict.findings import Evidence, Finding, findings, is_wrong, limit_of_records
+from jointid.verdict.findings import Evidence, Finding, ends_early, findings, limit_of_records
 from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
@@ -274,9 +273,7 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         given = sines, study.inertias, phasors, fits["weighted"], transfer_matrices
         evidence = Evidence(*given, automatic=None if known is None else known.fit)
         if method not in fits:  # no rich model explains wrong data, and the search would take long
-            fits |= identify_each(
-                phasors, study.sine_prior, [method], gives_up=partial(is_wrong, evidence)
-            )
+            fits |= identify_each(phasors, study.sine_prior, [method], **ends_early(evidence))
         fits = {name: fits[name] for name in dict.fromkeys((method, *LINEAR))}
         freed, _ = sine_matrices(study, fits[method].phasors)
         found = findings(replace(evidence, fit=fits[method]))

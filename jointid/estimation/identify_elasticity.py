@@ -108,16 +108,18 @@ def identify_each(
     delay: bool = False,
     gear: str = "auto",
     gives_up: Callable[[], bool] = bool,
+    gives_up_late: Callable[[], bool] = bool,
     start: Parameters | None = None,
     first: Model | None = None,
     most: float = np.inf,
 ) -> dict[str, ElasticityFit]:
     """Identify K and D by several estimators from the same equations.
 
-    Parameters, errors and each fit as in :func:`identify_elasticity`; ``gives_up`` is asked where the
-    first models are far from the data, and ends the search if true; ``start`` holds the parameters of a
-    similar fit, from which the models start in place of a linear estimate, ``first`` its model, and
-    ``most`` is the misfit above which a fit has no use.
+    Parameters, errors and each fit as in :func:`identify_elasticity`. ``gives_up`` is asked where the
+    first models are far from the data, ``gives_up_late`` where those with a law of the gears are, too;
+    if true, the search ends. ``start`` holds the parameters of a similar fit, from which the models
+    start in place of a linear estimate, ``first`` its model, and ``most`` is the misfit above which a
+    fit has no use.
     """
     names = list(dict.fromkeys(methods))
     for method in names:
@@ -125,7 +127,8 @@ def identify_each(
     require_gear(gear)
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     equations = spring_equations(phasors, prior.inertias(prior.M, prior.M2))
-    data = _Data(phasors, prior, equations, friction, delay, gear, gives_up, start, first, most)
+    ends = gives_up, gives_up_late
+    data = _Data(phasors, prior, equations, friction, delay, gear, *ends, start, first, most)
     return {name: data.fit(name) for name in names}
 
 
@@ -140,6 +143,7 @@ class _Data:
     delay: bool
     gear: str
     gives_up: Callable[[], bool]
+    gives_up_late: Callable[[], bool]
     start: Parameters | None
     first: Model | None
     most: float
@@ -165,6 +169,7 @@ class _Data:
                 exactly=method != "auto",
                 gear=self.gear,
                 gives_up=self.gives_up,
+                gives_up_late=self.gives_up_late,
                 first=() if self.first is None else (self.first,),
                 most=self.most,
             )

@@ -306,7 +306,8 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         there, least = fits.estimate(nearest), min(least, fits.misfit(nearest))
         gains = [score.gain for score in search.scores(nearest).values()]
         promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
-        if least == np.inf or (least >= ratio * found.misfit and not promises):
+        is_wrong = search.is_lost and nearest.is_slow and search.gives_up_late()
+        if is_wrong or least == np.inf or (least >= ratio * found.misfit and not promises):
             break
         model = nearest
     if not search.is_lost:

@@ -77,6 +77,8 @@ class Search:
     """Misfit of the first models from which ``gives_up`` is asked."""
     gives_up: Callable[[], bool] = bool
     """Whether the search ends where the first models are far from the data."""
+    gives_up_late: Callable[[], bool] = bool
+    """Whether it ends where models with a law of the gears are, too."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0

@@ -86,6 +86,7 @@ def choose_model(
     exactly: bool = False,
     gear: str = "auto",
     gives_up: Callable[[], bool] = bool,
+    gives_up_late: Callable[[], bool] = bool,
     first: Sequence[Model] = (),
     rejected: Sequence[Model] = (),
     most: float = np.inf,
@@ -106,6 +107,8 @@ def choose_model(
         Whether nonlinear laws of the gears are among the optional parts.
     gives_up : callable
         Asked where the first models are far from the data; True, as for wrong data, ends the search.
+    gives_up_late : callable
+        The same where models with a law of the gears are far from sines, too.
     first : sequence of Model, optional
         Models that an earlier search could not distinguish, which are fitted first. The start values are
         those of the first one.
@@ -146,6 +149,7 @@ def choose_model(
         most=most,
         far=far,
         gives_up=gives_up,
+        gives_up_late=gives_up_late,
         is_repeated=earlier_misfit is not None,
         may_be_periodic=(friction or "friction" in optional) and not (exactly or phasors.is_superposed),
     )
@@ -194,6 +198,8 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and search.fits.least_misfit < _BETTER * before:
         climb_from_nearest(search, PROMISING)
     fit_laws(search)
+    if search.is_lost and not search.has_motions and search.gives_up_late():
+        return _choice(search, search.fits.least())
     if search.is_lost and not search.explains_little:
         fit_complete(search)
     if search.is_lost and (search.has_motions or not search.first):

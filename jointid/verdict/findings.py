@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -131,6 +132,17 @@ def is_wrong(evidence: Evidence) -> bool:
     """Whether a linear fit shows wrong signs, units or columns, or torques are damaged."""
     damaged = any(foreign_torques(evidence))
     return damaged or bool(wrong_data(evidence.phasors, evidence.inertias))
+
+
+def ends_early(evidence: Evidence) -> dict[str, Callable[[], bool]]:
+    """Conditions, by parameter of ``identify_each``, under which a search for models ends: wrong data.
+
+    One record may also contradict all others where only it shows a law of the gears.
+    """
+    return {
+        "gives_up": partial(is_wrong, evidence),
+        "gives_up_late": cache(lambda: one_record_off(evidence) is not None),
+    }
 
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:
