@@ -70,7 +70,7 @@ class Gear:
     def laws(self) -> tuple[str, ...]:
         """Names of the laws present, the dominant one first; ("linear",) if there is no other.
 
-        Dominant is the law with the largest torque, over K δ, at the deflection tried.
+        Dominant is the law with the largest torque at the largest deflection in the records, over K δ.
         """
         size = self.tried_rad or 1.0
         share = {

@@ -174,7 +174,7 @@ class Phasors:
             return np.asarray(overtones / np.abs(self.harmonics[:, 0]))
 
     def require_records(self) -> None:
-        """Refuse phasors of no record, which a study of motions alone has."""
+        """Raise JointIdError if there is no sine record, as in a study of motions alone."""
         if not self.omega.size:
             raise JointIdError(
                 "There is no sine record: measure sines, or identify motions with identify_motion."

@@ -90,7 +90,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
 def headline(outcome: Outcome) -> str:
     """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
-        return "A demonstration, not this study"
+        return "A demonstration, not this study's robot"
     whose = " of the example arm:" if outcome.robot.rule == "relative" else ""
     errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
     return unbroken(f"Path error{whose} {errors} ({outcome.which})")
