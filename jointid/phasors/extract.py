@@ -72,7 +72,7 @@ class Phasors:
     """Name of each record, for messages and plots."""
     segments: Sequence[Segment | None] | np.ndarray = ()
     """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
-    Its harmonics are those of its length, zero outside its band."""
+    Its harmonics are multiples of one over its length, zero outside its band."""
     harmonic_rounding: Floats = field(default_factory=lambda: np.zeros(0))
     """Part of the variances in ``harmonic_covariance`` from rounding that repeats with the motion, which
     differs by record, shape (r, H, 2n)."""

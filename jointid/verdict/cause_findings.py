@@ -250,7 +250,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     if turned.size:
         of = {"torque": "torque", "angle": "position"}.get(side, "position or torque")
         of = f"the {of} of {_joints(turned, factor.size)}"
-        sign = f" First, the sign of {of} is reversed, as with a gear that reverses the direction."
+        sign = f" The sign of {of} is reversed, as with a gear that reverses the direction."
         remedy = (
             f"Set the direction of {of} to reversed on import, or give the gear ratio the other sign. "
         )
@@ -265,14 +265,15 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         causes = f"a gear ratio {how}: {', or '.join(gears)}; or {causes}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
-    causes = f"{sign} The cause{' of the size' * bool(sign)} may be {causes}"
+    of_size = " of the factor's size" if sign else ""
+    causes = f"{sign} The cause{of_size} may be {causes}"
     if ratios.max() < _MOST_OF_INERTIAS:
         title = title if sign else "A gear ratio, the unit of the torque, or M and M2 look wrong for"
         causes += " Wrong M and M2 have the same effect: check them as well."
     if sign and ratios.max() < INACCURATE:
         title, causes = (
             f"The sign of {of} looks reversed, and M and M2 look inaccurate for",
-            (f"{sign} Inaccurate M and M2 are the likely cause of the size."),
+            (f"{sign} Inaccurate M and M2 are the likely cause of the factor's size."),
         )
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.
