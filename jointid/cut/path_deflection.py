@@ -167,7 +167,7 @@ def meaning(analysis: Analysis) -> str:
     return (
         "The path is the paper's rectangle, horizontal, centred at the tool of the robot in its pose"
         + (f' "{pose}"' if pose else "")
-        + ". The gears deflect under gravity and inertia forces; vibration and process forces are left out. "
+        + ". The gears deflect under gravity and inertia; vibration and process forces are left out. "
         "The sag at the start of the path is taught with the path and is not counted."
     )
 
