@@ -216,7 +216,8 @@ def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
         _ask_model("Robot model", "import_model_file")
     example = ", ".join(["0", "-90", "90", "0", "45", "0"][: len(ratios)])
     label = "Joint angles of the logs' pose (°)"
-    angles = enter_text(right, "import model pose", label, "", "As the model counts them.", example)
+    about = "As logged; the model must have the same zero positions."
+    angles = enter_text(right, "import model pose", label, "", about, example)
     if _given_model() is None or not angles.strip():  # its problem, before the angles are entered
         return None
     name, text = _model_file()
