@@ -108,11 +108,14 @@ def finding_of(
             )
             remedies.append(
                 "Check the unit of M and M2. If it is g·m², set this unit where they are entered, or "
-                "divide them by 1000 in study.toml. If M and M2 are right:"
+                "divide them by 1000 in study.toml."
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
-        remedies.append(f"{cause.remedy.format(whose)} ({columns} in the study's tables).{minus}")
+        remedy = cause.remedy.format(whose)
+        if other:
+            remedy = f"If M and M2 are right, {remedy[0].lower()}{remedy[1:]}"
+        remedies.append(f"{remedy} ({columns} in the study's tables).{minus}")
     remedies.append(  # a factor may match a unit by chance
         "If the units are right, check the gear ratio and the rated torque or torque constant."
     )

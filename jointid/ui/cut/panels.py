@@ -268,7 +268,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}: one simulation<br>"
                 f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}"
             )
-            arm, of = "a simulated arm with these inertias", outcome.robot
+            arm, of = "a simulated arm with this study's inertias", outcome.robot
             parts = {"friction": of.friction, "gear laws": of.gears}
             included = " and ".join(name for name, part in parts.items() if part)
             if of.rule == "relative":
