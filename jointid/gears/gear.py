@@ -62,7 +62,9 @@ class Gear:
                 rule = "be finite" if field.name == "cubic" else "be finite and not negative"
                 raise JointIdError(f"{field.name} of a gear is {value:g}: it must {rule}.")
         if self.hysteresis_Nm and not self.presliding_rad:
-            raise JointIdError("A gear with hysteresis needs a presliding (presliding_rad) above 0.")
+            raise JointIdError(
+                "A gear with hysteresis needs a presliding deflection (presliding_rad) above 0."
+            )
         if self.K2 and not (self.K3 and 0 < self.T1_Nm <= self.T2_Nm):
             raise JointIdError("A gear with K2 needs K3 above 0 and torques 0 < T1 ≤ T2.")
 
