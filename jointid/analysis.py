@@ -152,7 +152,7 @@ class ArmSideAnalysis(Answer):
 
     @property
     def table(self) -> dict[str, list[str]]:
-        """K, skew and reason of a refusal of every joint, as text."""
+        """K, skew and the reason for a refusal of every joint, as text."""
         return self.fit.table_in(*self._unit_of_K)
 
     @property
@@ -171,7 +171,7 @@ class Analysis(Answer):
     """All results from the logs of the motors; ``sensors`` has those from sensors behind the gears."""
 
     phasors: Phasors
-    """Equations (2)-(4) of the sine records, in their order; no rows without any."""
+    """Equations (2)-(4) of the sine records, in their order; empty if there are none."""
     transfer_matrices: Mapping[str, TransferMatrix]
     """Equations (16)-(18) by pose, "" for records without one; poses without a solution are missing."""
     compensated_transfer_matrices: Mapping[str, TransferMatrix]

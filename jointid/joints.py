@@ -83,7 +83,7 @@ class Inertia:
     def with_added(self, added: ArrayLike) -> Inertia:
         """Return the inertia with an exactly known addition to M2, shape (n, n), motor side, kg·m².
 
-        Raises JointIdError when it is not symmetric or has another shape, or the sum is no inertia.
+        Raises JointIdError when it is not symmetric or has another shape, or the sum is invalid.
         """
         more = _symmetric("added", "addition to M2", added, self.n)
         return replace(self, M2=self.M2 + more, added=self.added + more)

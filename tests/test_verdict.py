@@ -622,7 +622,7 @@ def test_frequencies_far_from_the_resonances_are_reported() -> None:
     low = steady_records(
         SERIAL, PAPER, *campaign([1.0, 1.5, 2.0, 2.7, 3.5], 2), noise=(1e-4, 1e-2), seed=1
     )
-    (missed,) = said(analysed(low, method="weighted").findings, "miss a resonance")
+    (missed,) = said(analysed(low, method="weighted").findings, "The frequencies miss")
     assert "1 to 3.5 Hz" in missed.detail
     assert "8.8" in missed.remedy
     assert not said(of_sound_data(), "resonance")

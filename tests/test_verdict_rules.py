@@ -239,7 +239,7 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
         found = list(rules_model.hardly_known(case(fit=two_joints(inflation=inflation, **errors))))
         assert [finding.title for finding in found] == ([named] if named else [])
         for finding in found:
-            assert ("at all" in finding.detail) == bool(np.isinf(whole).any())
+            assert ("infinite" in finding.detail) == bool(np.isinf(whole).any())
             stated = [percent(np.sqrt(inflation) * share) for share in whole if np.isfinite(share)]
             assert np.isinf(whole).any() or any(f" is {each} of" in finding.detail for each in stated)
             assert ("longer" in finding.remedy) == (max(noise) > 0.05)
@@ -1005,8 +1005,8 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
     [
         ([1, 50], "left out: 50 in position or torque, or 7.07 in both", "All joints"),
         ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
-        ([1, -50], "First, the sign of the position or torque of joint 2 is reversed", "All joints"),
-        ([1, -1.14], "Inaccurate M and M2 are the likely cause of the size", "left out"),
+        ([1, -50], "The sign of the position or torque of joint 2 is reversed", "All joints"),
+        ([1, -1.14], "Inaccurate M and M2 are the likely cause of the factor's size", "left out"),
         ([1, 1.14], "a torque in multiples of 0.877 N·m", "gear ratio"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),

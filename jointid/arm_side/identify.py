@@ -330,7 +330,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
     if not sensor:
         return "No sensor behind the gear in these records."
     if coupled:
-        return "The gears couple this joint with others: their torques, too, deflect it."
+        return "The gears couple this joint with others, whose torques deflect it, too: not supported."
     if joint is None:
         return "The joint moves too little, or no torque loads it: give a record in which it moves."
     relative = joint.compliance_std / abs(joint.compliance)

@@ -66,8 +66,8 @@ def convert(
     angles_deg: Annotated[
         str,
         options.numbers_option(
-            "With --robot-model: joint angles of the logs' pose as the model counts them, °; default: "
-            "their mean in the logs."
+            "With --robot-model: joint angles of the pose as logged, °; the model must have the same "
+            "zero positions. Default: their mean in the logs."
         ),
     ] = "",
     pose: Annotated[

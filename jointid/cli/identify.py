@@ -122,7 +122,7 @@ def arm_side(
 ) -> None:
     """Identify K from sensors behind the gears, at the joint.
 
-    The first line states whether the answer is usable; findings follow, with the reason of each joint
+    The first line states whether the answer is usable; findings follow, with the reason for each joint
     without an estimate.
     """
     changes = {} if robot is None else {"robot_model": RobotModel.load(robot)}

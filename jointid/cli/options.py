@@ -109,7 +109,7 @@ METHOD = typer.Option(
     "friction or delay), weighted or least-squares (linear), explicit (eq. (15) as in the paper).",
 )
 JSON = typer.Option("--json", help="Print only JSON.")
-OVERWRITE = typer.Option("--overwrite", help="Replace existing files; without it, they are an error.")
+OVERWRITE = typer.Option("--overwrite", help="Replace existing files, which otherwise cause an error.")
 INERTIA_STD = typer.Option(
     help="Relative standard deviation of M and M2: 0.03 for 3 %, 0 for exact, inf for unknown values. "
     "Default: that of the study or inertia file, else 0.05."

@@ -53,7 +53,7 @@ def plan(
 ) -> None:
     """Suggest the records that reduce the errors of K and D most.
 
-    The table shows the relative standard errors now and after each record. NUMBERS are one
+    The table shows the relative standard errors now and after each record. NUMBERS: one value
     for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
@@ -242,8 +242,8 @@ def setpoints(
 ) -> None:
     """Write the suggested records as set points for a robot.
 
-    Two simulated robots run the set points first; if a limit is exceeded, no file is written. NUMBERS
-    are one for all joints, or one per joint, separated by commas: 2.5,2.8.
+    Two simulated robots run the set points first; if a limit is exceeded, no file is written. NUMBERS:
+    one value for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     from jointid.setpoints.files import set_points
     from jointid.setpoints.from_plan import planned_experiment

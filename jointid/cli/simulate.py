@@ -95,8 +95,8 @@ def simulate(
 ) -> None:
     """Simulate an experiment and save it as a study.
 
-    The joints move in sines or another motion under joint control. Values are at the motor; NUMBERS are
-    one for all joints, or one per joint, separated by commas: 43,7.5.
+    The joints move in sines or another motion under joint control. Values are at the motor. NUMBERS:
+    one value for all joints, or one per joint, separated by commas: 43,7.5.
     """
     import numpy as np
 

@@ -20,7 +20,8 @@ from jointid.errors import JointIdError
 from jointid.robot_models.model import RobotModel
 
 COLUMNS_MEANING = (
-    "Servo: the K it assumes. Rigid: no compensation; its parts come from inertia and from gravity."
+    "Servo: the K that it assumes; rigid: no compensation. From inertia, from gravity: parts of the "
+    "deflection with the rigid servo."
 )
 COLUMNS = {
     "assumed_m": "servo: nominal K",
@@ -164,9 +165,9 @@ def meaning(analysis: Analysis) -> str:
     """Description of the robot and of its deflections."""
     pose = next(iter(analysis.study.pose_angles_rad), "")
     return (
-        "The paper's rectangle, horizontal, centred at the tool of this study's robot in its pose"
+        "The path is the paper's rectangle, horizontal, centred at the tool of the robot in its pose"
         + (f' "{pose}"' if pose else "")
-        + ". Deflection of the gears from gravity and inertia, without vibration and process forces. "
+        + ". The gears deflect under gravity and inertia; vibration and process forces are left out. "
         "The sag at the start of the path is taught with the path and is not counted."
     )
 

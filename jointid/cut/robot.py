@@ -61,7 +61,7 @@ RULES: dict[Rule, str] = {
     "known. The cut is that of the example arm with the paper's K = 43, 7.5 N·m/rad; the ratios of "
     "nominal to identified values, D/K and the relative errors are those of this study.",
     "demonstration": "A cut in the plane needs a study of two joints. This is a demonstration, not this "
-    f"study. {DEMONSTRATION}",
+    f"study's robot. {DEMONSTRATION}",
 }
 """Description of each rule for the user; see ``CutRobot.meaning``."""
 

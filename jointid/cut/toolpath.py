@@ -57,7 +57,9 @@ class Toolpath:
             )
         if duration.min() <= 0:
             piece = int(np.argmin(duration))
-            raise JointIdError(f"duration_s of piece {piece + 1} is {duration[piece]:g} s: give > 0.")
+            raise JointIdError(
+                f"duration_s of piece {piece + 1} is {duration[piece]:g} s: must be positive."
+            )
         if velocity[0].any() or velocity[-1].any():
             raise JointIdError("velocity_m_s must be zero at the first and the last knot: rest to rest.")
         time = np.concatenate([[0.0], np.cumsum(duration)])

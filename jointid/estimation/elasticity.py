@@ -87,7 +87,7 @@ class ElasticityFit:
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""
     fundamental: tuple[float, float] = (1.0, 0.0)
-    """Misfit of the fundamentals and their degrees of freedom; 0 of them for linear estimators."""
+    """Misfit of the fundamentals, and their degrees of freedom (0 for linear estimators)."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0

@@ -93,7 +93,7 @@ def identify_motion(
     friction, delay : bool, default False
         Fit them in every model compared.
     gives_up : callable, optional
-        Asked where the first models are far from the data; True, as for wrong data, ends the search.
+        Called if the first models are far from the data; True, as for wrong data, ends the search.
 
     Returns
     -------

@@ -62,7 +62,9 @@ class Gear:
                 rule = "be finite" if field.name == "cubic" else "be finite and not negative"
                 raise JointIdError(f"{field.name} of a gear is {value:g}: it must {rule}.")
         if self.hysteresis_Nm and not self.presliding_rad:
-            raise JointIdError("A gear with hysteresis needs a presliding (presliding_rad) above 0.")
+            raise JointIdError(
+                "A gear with hysteresis needs a presliding deflection (presliding_rad) above 0."
+            )
         if self.K2 and not (self.K3 and 0 < self.T1_Nm <= self.T2_Nm):
             raise JointIdError("A gear with K2 needs K3 above 0 and torques 0 < T1 ≤ T2.")
 
@@ -70,7 +72,7 @@ class Gear:
     def laws(self) -> tuple[str, ...]:
         """Names of the laws present, the dominant one first; ("linear",) if there is no other.
 
-        Dominant is the law with the largest torque, over K δ, at the deflection tried.
+        Dominant is the law with the largest torque at the largest deflection in the records, over K δ.
         """
         size = self.tried_rad or 1.0
         share = {

@@ -24,7 +24,7 @@ _NOTHING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class TorsionCurve:
-    """Measured torque of one gear over its deflection, a period of every record.
+    """Measured torque of one gear over its deflection, one period of each record.
 
     A motion has a row for each segment with motion above the locked resonance, made of the spectral
     lines above it; there may be none.

@@ -72,7 +72,7 @@ class Phasors:
     """Name of each record, for messages and plots."""
     segments: Sequence[Segment | None] | np.ndarray = ()
     """Segment of each row that comes from a motion record, None for a sine, as an array of shape (r,).
-    Its harmonics are those of its length, zero outside its band."""
+    Its harmonics are multiples of one over its length, zero outside its band."""
     harmonic_rounding: Floats = field(default_factory=lambda: np.zeros(0))
     """Part of the variances in ``harmonic_covariance`` from rounding that repeats with the motion, which
     differs by record, shape (r, H, 2n)."""
@@ -174,7 +174,7 @@ class Phasors:
             return np.asarray(overtones / np.abs(self.harmonics[:, 0]))
 
     def require_records(self) -> None:
-        """Refuse phasors of no record, which a study of motions alone has."""
+        """Raise JointIdError if there is no sine record, as in a study of motions alone."""
         if not self.omega.size:
             raise JointIdError(
                 "There is no sine record: measure sines, or identify motions with identify_motion."

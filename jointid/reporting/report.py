@@ -190,7 +190,7 @@ def _known_to(std: float) -> str:
 
 def _entered(study: Study) -> Table:
     """What was entered with the logs, as far as a study keeps it, and what of it is assumed."""
-    stated = "given" if study.gear_ratio is not None else "of the robot model"
+    stated = "given" if study.gear_ratio is not None else "from the robot model"
     ratios = study.gear_ratios
     default = ", assumed where nothing is stated" * (study.inertia_std == INERTIA_STD)
     unstated = "not stated: assumed exact"

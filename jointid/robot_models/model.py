@@ -169,10 +169,10 @@ class RobotModel(RobotDescription):
     ) -> tuple[Floats, Floats, Floats]:
         """``torque``, its change with the payload, (..., n, 4), and with each part, (..., n, n + 1).
 
-        For the payload per standard deviation of its mass and of its centre along x, y and z of the
-        flange; relative to its distance from the flange, the centre is as uncertain as the mass. For a
-        part, the n links and last the counterbalance (0 without one), per unit relative change of its
-        mass and inertia, or of its force: this equals the part's own torque.
+        Payload: per standard deviation of its mass and of its centre along x, y and z of the flange;
+        relative to its distance from the flange, the centre is as uncertain as the mass. Parts: the n
+        links, then the counterbalance (0 without one), per unit relative change of the mass and inertia,
+        or of the force; this equals the part's own torque.
         """
         angles, *rates = self._checked(q=q, dq=dq, ddq=ddq)
         motion, load = self.links.motion(angles + self.zero, *rates), self.payload

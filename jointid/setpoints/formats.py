@@ -38,7 +38,7 @@ _EGM = Format(
     notes=(
         "EGM: joint angles in degrees for planned.joints of EgmSensor, one row per message. EGMActJoint",
         "with \\SampleRate as the interval here and \\MaxSpeedDeviation above the largest velocities,",
-        "then EGMRunJoint. Its filter and gain change amplitudes; the log shows which.",
+        "then EGMRunJoint. Its filter and gain change amplitudes; the log shows by how much.",
         "EGM bypasses path planning and collision supervision of the controller.",
     ),
 )
@@ -129,7 +129,7 @@ _UR = Format(
     notes=(
         "URScript: 2 ms for e-Series, 8 ms for CB3. Speed slider at 100 %: speed scaling, also by the",
         "robot itself, stretches the time and changes the frequencies. servoj (lookahead time 0.03 s,",
-        "gain 1000) lowers amplitudes at high frequencies; the log shows which. The program stops",
+        "gain 1000) lowers amplitudes at high frequencies; the log shows how much. The program stops",
         "unless the robot is at the start pose.",
     ),
 )

@@ -26,7 +26,7 @@ LIMIT_KEYS = {
     "velocity_deg_s": "velocity_deg_s = [105, 101]",
     "acceleration_deg_s2": "acceleration_deg_s2 = [2600, 2600]",
     "torque_Nm": "torque_Nm = [20, 12]  # of the motors",
-    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose; default: of the robot model",
+    "load_Nm": "load_Nm = [0, 4]  # motor torque at rest in the start pose; default: the robot model's",
 }
 """Keys of a limits file."""
 _OPTIONAL = ("robot", "axes", "joint_names", "load_Nm")

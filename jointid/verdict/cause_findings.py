@@ -108,11 +108,14 @@ def finding_of(
             )
             remedies.append(
                 "Check the unit of M and M2. If it is g·m², set this unit where they are entered, or "
-                "divide them by 1000 in study.toml. If M and M2 are right:"
+                "divide them by 1000 in study.toml."
             )
         columns = _columns(cause.signal, joints)
         minus = " Reverse its sign as well." if reversed_too else ""
-        remedies.append(f"{cause.remedy.format(whose)} ({columns} in the study's tables).{minus}")
+        remedy = cause.remedy.format(whose)
+        if other:
+            remedy = f"If M and M2 are right, {remedy[0].lower()}{remedy[1:]}"
+        remedies.append(f"{remedy} ({columns} in the study's tables).{minus}")
     remedies.append(  # a factor may match a unit by chance
         "If the units are right, check the gear ratio and the rated torque or torque constant."
     )
@@ -250,7 +253,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     if turned.size:
         of = {"torque": "torque", "angle": "position"}.get(side, "position or torque")
         of = f"the {of} of {_joints(turned, factor.size)}"
-        sign = f" First, the sign of {of} is reversed, as with a gear that reverses the direction."
+        sign = f" The sign of {of} is reversed, as with a gear that reverses the direction."
         remedy = (
             f"Set the direction of {of} to reversed on import, or give the gear ratio the other sign. "
         )
@@ -265,14 +268,15 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         causes = f"a gear ratio {how}: {', or '.join(gears)}; or {causes}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
-    causes = f"{sign} The cause{' of the size' * bool(sign)} may be {causes}"
+    of_size = " of the factor's size" if sign else ""
+    causes = f"{sign} The cause{of_size} may be {causes}"
     if ratios.max() < _MOST_OF_INERTIAS:
         title = title if sign else "A gear ratio, the unit of the torque, or M and M2 look wrong for"
         causes += " Wrong M and M2 have the same effect: check them as well."
     if sign and ratios.max() < INACCURATE:
         title, causes = (
             f"The sign of {of} looks reversed, and M and M2 look inaccurate for",
-            (f"{sign} Inaccurate M and M2 are the likely cause of the size."),
+            (f"{sign} Inaccurate M and M2 are the likely cause of the factor's size."),
         )
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.

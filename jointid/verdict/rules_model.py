@@ -121,7 +121,7 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
             title,
             f"One standard error of {names[worst]} is {size} of its value."
             if size
-            else f"These records do not determine {names[worst]} at all.",
+            else f"The standard error of {names[worst]} is infinite.",
             "Add records near the resonances, record longer, or move the joints more."
             if share[worst] > 0.05
             else "Add records at lower and higher frequencies, which also determine the inertias, or "
@@ -337,7 +337,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         at = some([f"{number(m)} Hz" for m in sorted(missed)])
         has = "a resonance" if len(missed) == 1 else "resonances"
         yield make(
-            "The frequencies miss a resonance",
+            f"The frequencies miss {has}",
             f"The records span {number(low)} to {number(high)} Hz; the fitted model has {has} at {at}, "
             f"with no record nearby. The largest relative standard error is {percent(share)}.",
             f"Add records at about {at}.",

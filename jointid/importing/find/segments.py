@@ -59,7 +59,7 @@ def find_segments(log: MappedLog, *, progress: Callable[[float], None] | None = 
         if len(found) > MANY_SEGMENTS:
             raise JointIdError(
                 f"{log.name or 'The log'} has more than {MANY_SEGMENTS} runs: it holds no "
-                "sines, or wrong columns are chosen. Choose another time or position column."
+                "sines, or the wrong columns are chosen. Choose another time or position column."
             )
     found, sweeps, notes = without_sweeps(log, sorted(found, key=lambda s: s.start_s))
     return FoundSegments(common_frequencies(found), [*notes, *unused_spans(log, found, sweeps)])

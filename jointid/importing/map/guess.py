@@ -192,7 +192,7 @@ def _torque_unit(column: LogColumn) -> _Said:
         why = f'Whole numbers under CiA 402\'s name "{named[0]}": thousandths of the rated value.'
         return "‰", False, why
     if WORDS["current"] & set(words_of(column.name)):
-        return "A", False, "The name indicates current; ampere is assumed."
+        return "A", False, "The name indicates current; amperes are assumed."
     if named:
         why = f'"{named[0]}" is in thousandths in CiA 402, but these are not whole numbers'
         return "N·m", False, f"{why}; newton metres are assumed."
@@ -226,7 +226,7 @@ def _side(role: str, pair: Pair) -> _Said:
     ):
         if fits:
             return side, sure, why
-    return MOTOR, False, "The name does not state the side; the motor's is assumed."
+    return MOTOR, False, "The name does not state the side; the motor side is assumed."
 
 
 def propose_joint(

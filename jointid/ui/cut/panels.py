@@ -90,7 +90,7 @@ def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> N
 def headline(outcome: Outcome) -> str:
     """Path error before and after, and its robot."""
     if outcome.robot.rule == "demonstration":
-        return "A demonstration, not this study"
+        return "A demonstration, not this study's robot"
     whose = " of the example arm:" if outcome.robot.rule == "relative" else ""
     errors = f"{millimetres(outcome.before_m)} → {millimetres(outcome.after_m)}"
     return unbroken(f"Path error{whose} {errors} ({outcome.which})")
@@ -268,7 +268,7 @@ def outcome_panel(page: Page, analysis: Analysis) -> None:
                 f"{key_line(ink.nominal)}{escape(servo)}, {escape(before)}: one simulation<br>"
                 f"{key_line(ink.identified)}identified values, {escape(after)}: {outcome.which}"
             )
-            arm, of = "a simulated arm with these inertias", outcome.robot
+            arm, of = "a simulated arm with this study's inertias", outcome.robot
             parts = {"friction": of.friction, "gear laws": of.gears}
             included = " and ".join(name for name, part in parts.items() if part)
             if of.rule == "relative":

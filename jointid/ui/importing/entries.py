@@ -25,7 +25,7 @@ _NO_SENSOR = "none"
 _HELD = {True: "held until the next sample", False: "not held"}
 _OF_DRIVES = ("direction", "side", "scale", "gear ratio", "torque hold")
 """First parts of the names of entries from the drive's data sheet, not the file."""
-_SIDE_HELP = "Robot controllers often log values at the joint, drives those at their motor."
+_SIDE_HELP = "Robot controllers often log values at the joint, drives at the motor."
 _SIGN_HELP = (
     "If a positive torque accelerates a joint towards smaller logged positions, select the joint for "
     "either position or torque, not both."

@@ -46,11 +46,12 @@ _LINKS = {
 }
 """Label, unit and example of each entry for an arm of links."""
 _UPLOADS = "import_toml_uploads"
-_HELP = (
-    "Rigid-body inertias, seen from the motors: divided by both gear ratios. The fit corrects them "
-    "within the uncertainty stated below. Values of the joint side are divided by the gear ratios of "
-    "step 3."
-)
+_CORRECTED = "The fit corrects them within the uncertainty stated below."
+_HELP = {
+    "M": f"Motor side: the rotors' own inertias, from the data sheets of the motors. {_CORRECTED}",
+    "M2": "Motor side: divided by both gear ratios. Values on the joint side are divided by those of "
+    f"step 3. {_CORRECTED}",
+}
 
 
 def ask_inertia(gear_ratios: Sequence[float]) -> KnownRobot | None:
@@ -216,7 +217,8 @@ def _by_model(ratios: Sequence[float]) -> KnownRobot | None:
         _ask_model("Robot model", "import_model_file")
     example = ", ".join(["0", "-90", "90", "0", "45", "0"][: len(ratios)])
     label = "Joint angles of the logs' pose (°)"
-    angles = enter_text(right, "import model pose", label, "", "As the model counts them.", example)
+    about = "As logged; the model must have the same zero positions."
+    angles = enter_text(right, "import model pose", label, "", about, example)
     if _given_model() is None or not angles.strip():  # its problem, before the angles are entered
         return None
     name, text = _model_file()
@@ -308,7 +310,7 @@ def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
 
 def _row(label: str, name: str, example: str) -> tuple[str, str, str]:
     one, two, three = st.columns([4, 1.5, 1.5])
-    text = enter_text(one, f"import {name}", label, "", _HELP, example)
+    text = enter_text(one, f"import {name}", label, "", _HELP[name], example)
     unit = choose_from(two, f"import {name} unit", f"Unit of {name}", list(INERTIA_UNITS))
     side = choose_from(three, f"import {name} side", f"{name} is given on the", [_MOTOR, _JOINT])
     return text, unit, side

@@ -109,7 +109,7 @@ class Watch:
             bar, button = st.progress(0.0), st.empty()
         show, stoppable = steps_at(bar, job.began), False
         while wait([job.outcome], _POLL_S).not_done:
-            queued = ": waits for the imports of others" if job.waits else ""
+            queued = ": waiting for other imports" if job.waits else ""
             show(job.share, f"{label}{self._at_file(',')}{queued}")
             if not stoppable and time.monotonic() - job.began > STOPPABLE_AFTER_S:
                 button.button("Stop here", key=f"stop_{key}", on_click=job.stopped.set)

@@ -81,9 +81,9 @@ def _choose() -> str | None:
         key="study",
         on_change=_take_choice,
         disabled=not names,
-        help="Studies opened, simulated or imported at this address by their file, and the samples by "
-        "their name. The two exercises have a fault. Commands take a sample by the name in the address "
-        "of this page, for instance six_axes.",
+        help="Studies opened, simulated or imported at this address, and the samples. Each of the two "
+        "exercises contains a fault. Commands accept a sample by the name in the address of this page, "
+        "for instance six_axes.",
     )
     show_in_address()
     show_recent()

@@ -46,7 +46,7 @@ def choose_other(page: Page) -> Page:
     method = choose_from(right, *question, help_="See the sidebar.", first=paper)
     swapped = {"chosen": addresses[key], "estimator": method}
     swapped |= {"compare_study": page.key, "compare_estimator": page.method}
-    hint = "Second study becomes first."
+    hint = "The second study becomes the first."
     beside.button("Swap", on_click=st.session_state.update, args=(swapped,), help=hint)
     try:
         opened = open_study(key)

@@ -37,7 +37,7 @@ def show_changes(page: Page) -> None:
     if not page.study.changes:
         return
     if st.session_state.pop(_APPLIED, False):  # the box below may be out of sight
-        st.toast("The study is changed. What changed, and Undo, are at the top of the page.")
+        st.toast("The study has been changed. The changes, and Undo, are at the top of the page.")
     with st.container(border=True):
         show_note(f"Changed from the data as logged: {' '.join(page.study.changes)}")
         before = _before(page.digest)
@@ -81,7 +81,7 @@ def _preview(page: Page, analysis: Analysis, change: Change) -> None:
         show_note(after.headline)
         helps = after.state != NOT_USABLE
         if not helps:
-            show_warning("The answer stays not usable with this change alone.")
+            show_warning("With this change alone, the answer remains not usable.")
         with st.container(horizontal=True):
             st.button(
                 "Apply",

@@ -186,7 +186,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         | {name: plus_minus(analysis.unit.shown(error)) for name, error in errors.items()}
     )
     if drawn.failed:
-        st.caption(f"{drawn.failed} draws allowed no estimate and are left out.")
+        st.caption(f"{drawn.failed} draws gave no estimate and are left out.")
     if isinstance(left_out, str):
         show_info(left_out)
         return
