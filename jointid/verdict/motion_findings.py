@@ -165,8 +165,8 @@ def arm_side_findings(
     """
     known, found = np.isfinite(K), []
     if known.any() and contradicted.any():
-        joints = joints_text(np.flatnonzero(contradicted) + 1)
-        found.append(warning(_CONTRADICTED.format(joints), _IN_MODEL, _CHECK_MODEL, 1.0 + K.size))
+        title = _CONTRADICTED.format(joints_text(np.flatnonzero(contradicted) + 1))
+        found.append(warning(title, _IN_MODEL, _CHECK_MODEL, 1.0 + K.size))
     for reason in dict.fromkeys(filter(None, reasons)):
         joints = np.flatnonzero([text == reason for text in reasons])
         title = f"K of {joints_text(joints + 1)} is not determined"
