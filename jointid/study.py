@@ -28,6 +28,8 @@ from jointid.wording import counted, plain, significant
 
 _ROUNDED = 1e-3
 """Relative difference of gear ratios by rounding."""
+_MOST_TURNED_RAD = 4 * np.pi
+"""Largest joint angle of a pose: degrees in place of radians exceed it."""
 INERTIA_STD = 0.05
 """Relative standard deviation of inertias if the study states none: computed from drawings, they are
 known to a few per cent."""
@@ -235,6 +237,11 @@ class Study:
             if self.robot_model is None:
                 raise JointIdError("pose_angles_rad is given without a robot_model: give both.")
             angles[name] = finite_array(f"angles of pose {name!r} (rad)", value, ndim=1)
+            if (turned := np.abs(angles[name]).max()) > _MOST_TURNED_RAD:
+                raise JointIdError(
+                    f"A joint angle of pose {name!r} is {turned:.4g} rad, more than two turns: give "
+                    "radians, not degrees, without whole turns."
+                )
             of_model = self.robot_model.inertia(angles[name])
             given = poses.setdefault(name, of_model) if name else self.inertia
             if not np.allclose(given.M2, of_model.M2, rtol=1e-9, atol=1e-12 * np.abs(of_model.M2).max()):

@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 from app_pages import ELASTICITY, opened_app, shown, upload
 from random_cases import tries
+from scipy.interpolate import CubicSpline
 from typer.testing import CliRunner
 
 from jointid import (
@@ -353,6 +354,39 @@ def test_jitter_of_the_clock_is_resampled() -> None:
     assert np.all(apart < found.standard_error[:SENSORS] / found.K[:SENSORS])
 
 
+@pytest.mark.parametrize("late_s", [-0.1, 0.1])
+def test_clocks_far_apart_do_not_change_stiffness(late_s: float) -> None:
+    """Beyond the filter's window the shift was wrong, and K of a joint 60 % too small without a word."""
+    arm = CubicSpline(record().time_s, record().arm_rad[:, :SENSORS])
+    later = np.full(record().arm_rad.shape, np.nan)
+    later[:, :SENSORS] = arm(np.clip(record().time_s - late_s, 0, record().time_s[-1]))
+    found = identify_arm_side(replace(record(), arm_rad=later), ROBOT, jackknife=False)
+    np.testing.assert_allclose(found.skew_s[:SENSORS], TRUTH.skew_s + late_s, atol=5e-5)
+    assert np.nanmax(np.abs(found.K - fit().K) / fit().standard_error) < 1
+
+
+@pytest.mark.parametrize("fault", ["exchanged", "reversed", "torques", "time"])
+def test_motors_that_contradict_the_robot_model_are_a_warning(fault: str) -> None:
+    """K follows from the model's torque: with axes 4 and 5 exchanged it was 3 σ off without a word."""
+    theta, tau, time_s = record().theta_rad.copy(), record().tau_Nm.copy(), record().time_s
+    if fault == "exchanged":
+        theta[:, [3, 4]] = theta[:, [4, 3]]
+    elif fault == "reversed":
+        theta[:, 4] *= -1
+    elif fault == "torques":
+        tau[:, [1, 2]] = tau[:, [2, 1]]
+    else:
+        time_s = time_s / 2
+    wrong = replace(record(), theta_rad=theta, tau_Nm=tau, time_s=time_s)
+    found = identify_arm_side(wrong, ROBOT, jackknife=False).motors
+    assert found.contradicted.any()
+    assert not fit().motors.contradicted.any()
+    assert np.nanmax(fit().motors.left) < 0.1
+    doubted = with_reason("", contradicted=found.contradicted)
+    assert doubted.state == WITH_CARE
+    assert "contradict the robot model" in doubted.caution
+
+
 def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
     lowpass = GaussianFilter(0.004, 6.0)
     t = 0.004 * np.arange(600)
@@ -456,7 +490,7 @@ def test_a_repeated_record_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def off_by(found: ArmSideFit) -> float:
     """Error of the payload's mass in its standard errors."""
-    mean, root = found.payload_mean[0], found.payload_root
+    mean, root = found.motors.mean[0], found.motors.root
     true = (TRUTH.payload_kg - found.robot.payload.mass) / found.robot.payload.mass_std
     return float((mean - true) / np.linalg.norm(root[0]))
 
@@ -469,7 +503,7 @@ def test_a_wrong_torque_constant_does_not_change_the_payload() -> None:
     assert abs(off_by(found)) < 3
     np.testing.assert_allclose(found.K[:SENSORS], TRUTH.K, rtol=0.01)
     # links as wrong as the model's error may pass for a payload
-    uncertain, exact = (np.linalg.norm(each.payload_root[0]) for each in (fit(), found))
+    uncertain, exact = (np.linalg.norm(each.motors.root[0]) for each in (fit(), found))
     assert uncertain > 1.5 * exact
 
 
@@ -540,7 +574,7 @@ def six_axes() -> Analysis:
     return analyse(replace(study, records=study.records[::6]))
 
 
-def with_reason(reason: str, *joints: int) -> ArmSideAnalysis:
+def with_reason(reason: str, *joints: int, contradicted: np.ndarray | None = None) -> ArmSideAnalysis:
     """The answer with K of some joints, from 0, refused."""
     known = fit()
     K, error, reasons = known.K.copy(), known.standard_error.copy(), list(known.reasons)
@@ -548,7 +582,8 @@ def with_reason(reason: str, *joints: int) -> ArmSideAnalysis:
         K[j], error[j], reasons[j] = np.nan, np.nan, reason
     changed = replace(known, K=K, standard_error=error, reasons=tuple(reasons))
     sensed, left_out = np.arange(6) < SENSORS, np.full(6, np.nan)
-    findings = arm_side_findings(K, error, reasons, sensed, left_out)
+    doubted = known.motors.contradicted if contradicted is None else contradicted
+    findings = arm_side_findings(K, error, reasons, sensed, left_out, doubted)
     return replace(answer(), fit=changed, findings=findings)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,8 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
             robot_model=ROBOT,
             pose_angles_rad=POSES,
         )
+    with pytest.raises(JointIdError, match=r"pose 'low' is .* rad, more than two turns: give radians"):
+        replace(six_axes(), poses={}, pose_angles_rad={"low": np.degrees(POSES["low"])})
 
 
 def test_friction_by_load_counts_the_mean_torque_of_a_sine() -> None:

@@ -46,7 +46,7 @@ class GaussianFilter:
         """
         if not x.size:
             return x
-        m = self.reach
+        m = min(self.reach + int(np.ceil(abs(later_s) / self.interval_s)), len(x) - 1)
         t = self.interval_s * np.arange(-m, m + 1) - later_s
         kernel = np.exp(-0.5 * (t / self.width_s) ** 2)
         kernel /= kernel.sum()
@@ -115,7 +115,8 @@ class BandLimited:
         elastic = np.zeros_like(self.raw)
         for j in np.flatnonzero(np.isfinite(self.deflection).all(axis=0)):
             arm = CubicSpline(self.time_s, self.raw[:, j] - self.raw_deflection[:, j])
-            elastic[:, j] = self.raw[:, j] - arm(self.time_s + self.skew_s[j])
+            moved = np.clip(self.time_s + self.skew_s[j], self.time_s[0], self.time_s[-1])
+            elastic[:, j] = self.raw[:, j] - arm(moved)
         return np.asarray(elastic - elastic.mean(axis=0))
 
     @property
@@ -125,8 +126,10 @@ class BandLimited:
 
     @property
     def inner(self) -> slice:
-        """Samples whose filter lies within the record."""
-        return slice(self.lowpass.reach, len(self.time_s) - self.lowpass.reach)
+        """Samples whose filter lies within the record, also where the arm's samples are moved."""
+        moved = int(np.abs(self.skew_s).max() / self.lowpass.interval_s)
+        ends = self.lowpass.reach + min(moved, len(self.time_s) // 8)
+        return slice(ends, len(self.time_s) - ends)
 
 
 def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:

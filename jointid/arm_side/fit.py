@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from jointid.arm_side.band_limited import band_limited, joint_angles
+from jointid.arm_side.payload import MotorTorques
 from jointid.arm_side.position_map import PositionMap
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats
@@ -58,10 +59,8 @@ class ArmSideFit:
     """Upper edge of the band, Hz; None for that of each record."""
     joints: tuple[JointDeflection | None, ...]
     """Terms of each joint, for ``predict``; None where K is refused."""
-    payload_mean: Floats
-    """Estimate of the payload's standardised parameters, shape (4,)."""
-    payload_root: Floats
-    """Square root of their covariance, shape (4, 4)."""
+    motors: MotorTorques
+    """Payload by the motor torques, and whether they agree with the robot model."""
     method: ClassVar[str] = "sensors behind the gears"
     model: ClassVar[str] = "elasticity + friction + transmission error + skew + payload"
 
@@ -114,7 +113,7 @@ class ArmSideFit:
         found = np.full(motion.q.shape, np.nan)
         for _ in range(2):
             torque, payload, _ = joint_torque(motion, self.robot, elastic)
-            torque, payload = torque + payload @ self.payload_mean, payload @ self.payload_root
+            torque, payload = torque + payload @ self.motors.mean, payload @ self.motors.root
             for j, joint in enumerate(self.joints):
                 if joint is not None:
                     motor = record.theta_rad[record.start :, j]

@@ -156,9 +156,9 @@ def _identified(
                 faults = [f or scale_fault(j, *of_record) for j, f in enumerate(faults)]
             motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
         parts = [torque_std * each for each in parts]
-        mean, root = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
-        torque = [t + p @ mean for t, p in zip(torque, payload, strict=True)]
-        payload = [p @ root for p in payload]
+        motors = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
+        torque, mean = [t + p @ motors.mean for t, p in zip(torque, payload, strict=True)], motors.mean
+        payload = [p @ motors.root for p in payload]
         data, checked = (given, motions, torque, payload), round_ > 0 and jackknife
         joints = [
             _joint(j, *data, near, float(skew_error[j]), last, checked) for j, near in enumerate(joints)
@@ -205,7 +205,7 @@ def _identified(
             error[j] = K[j] * joint.compliance_std / joint.compliance
     return ArmSideFit(
         frozen(K), frozen(error), frozen(skew), frozen(skew_error), reasons, frozen(residual),
-        robot, band_hz, tuple(joints), mean, root,
+        robot, band_hz, tuple(joints), motors,
     )  # fmt: skip
 
 

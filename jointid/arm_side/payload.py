@@ -1,6 +1,9 @@
 """The payload from the motor torques: a prior for the deflection's equations."""
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
 from jointid.arm_side.mixed_model import Regression, low_frequency_noise
@@ -20,7 +23,32 @@ _SLOWER = 0.5
 vibration and ripple, which grows with the square of the frequency. It is the same in all columns, which
 cancel it by a heavier payload on lighter links: with 3 seconds of arc near 10 Hz, by 5 to 25 kg."""
 _MEMORY_S = 0.5
+_MOST_SCALES, _MOST_LEFT = 3.0, 0.2
+"""Deviation of the torque's scale, in its standard deviations, and part of a torque's variation without
+explanation (rms) from which motors contradict the model. Real motors leave 0.01 to 0.03; exchanged or
+reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
 _ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class MotorTorques:
+    """What the motor torques say about payload and robot model."""
+
+    mean: Floats
+    """Estimate of the payload's standardised parameters, shape (4,)."""
+    root: Floats
+    """Square root of their covariance, shape (4, 4)."""
+    scale: Floats
+    """Torque of each motor, without its rotor, over that of the robot model, shape (n,); NaN where the
+    joint hardly moves."""
+    left: Floats
+    """Part of its variation that neither model nor friction explain (rms), shape (n,); NaN likewise."""
+
+    @property
+    def contradicted(self) -> NDArray[np.bool_]:
+        """Joints whose motors contradict the robot model, mask (n,)."""
+        off = np.abs(np.nan_to_num(self.scale, nan=1.0) - 1) > _MOST_SCALES * _SCALE_STD
+        return np.asarray(off | (np.nan_to_num(self.left) > _MOST_LEFT))
 
 
 def payload_from_motors(
@@ -32,8 +60,8 @@ def payload_from_motors(
     payload: list[Floats],
     parts: list[Floats],
     near: Floats,
-) -> tuple[Floats, Floats]:
-    """Mean (4,) and a root (4, 4) of the covariance of the payload's standardised parameters.
+) -> MotorTorques:
+    """Estimate the payload's standardised parameters.
 
     Each joint's motor torque, without its rotor, is the torque of links and payload times a scale
     near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque, every link, the
@@ -54,6 +82,7 @@ def payload_from_motors(
     ]
     gravity = torque_std * np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
     opinions: list[tuple[Floats, Floats]] = [(np.eye(4), np.zeros(4))]
+    scale, left = np.full((2, robot.n), np.nan)
     for j in range(motor[0].shape[1]):
         y, columns, spans = [], [], []
         for m, tau, spin, model, change, own in zip(
@@ -74,7 +103,8 @@ def payload_from_motors(
         data = Regression(np.concatenate(y), np.concatenate(columns))
         if data.y.size < 40:
             continue
-        std = np.r_[np.ones(parts[0].shape[2] + 6), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
+        own_place = parts[0].shape[2] + 6
+        std = np.r_[np.ones(own_place), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         noise = float(data.y.std())
         lags = int(_MEMORY_S * 8 * motions[0].lowpass.band_hz)
@@ -82,6 +112,9 @@ def payload_from_motors(
             fitted = data.estimate(noise, std)
             noise = low_frequency_noise(data.residual(fitted), list(np.cumsum(spans)[:-1]), lags, 10.0)
         fitted = data.estimate(noise, std)
+        own_torque = data.columns[:, own_place]
+        scale[j] = 1 + fitted.beta[own_place]
+        left[j] = data.residual(fitted).std() / max(1e-9, float((data.y + own_torque).std()))
         seen = std[:4] > 0
         information = np.zeros((4, 4))
         information[np.ix_(seen, seen)] = np.linalg.inv(fitted.covariance[:4, :4][np.ix_(seen, seen)])
@@ -96,7 +129,7 @@ def payload_from_motors(
         precision, right = precision + A / max(1.0, excess), right + b / max(1.0, excess)
     covariance = np.linalg.inv(precision)
     root = np.linalg.cholesky((covariance + covariance.T) / 2)
-    return np.asarray(covariance @ right), np.asarray(root, float)
+    return MotorTorques(np.asarray(covariance @ right), np.asarray(root, float), scale, left)
 
 
 def _distance(information: Floats, right: Floats, mean: Floats) -> float:

@@ -31,6 +31,15 @@ _SURE = 1e4
 _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 """Interval of a move, s; quantile of the moves that counts as fast; largest move at rest, relative to
 it."""
+_CONTRADICTED = "The motor torques of {} contradict the robot model"
+_IN_MODEL = (
+    "Model, payload and friction do not explain these torques. K of every joint follows from the torque "
+    "of the model."
+)
+_CHECK_MODEL = (
+    "Check the order, signs and zeros of the joint angles, the order and unit of the torques, the unit "
+    "of the time, the payload and the gear ratios."
+)
 _ARC_SECONDS = 180 / np.pi * 3600
 
 
@@ -141,14 +150,23 @@ def _responses(
 
 
 def arm_side_findings(
-    K: Floats, error: Floats, reasons: Sequence[str], sensed: np.ndarray, left_out_rad: Floats
+    K: Floats,
+    error: Floats,
+    reasons: Sequence[str],
+    sensed: np.ndarray,
+    left_out_rad: Floats,
+    contradicted: np.ndarray,
 ) -> tuple[Finding, ...]:
     """Findings on K from sensors behind the gears: joints refused by reason, most important first.
 
     All shape (n,): K and its error, NaN where refused; the reasons; whether the joint has a sensor; the
-    error of the deflection predicted for a record left out, NaN where not known.
+    error of the deflection predicted for a record left out, NaN where not known; and whether the motor's
+    torque contradicts the robot model.
     """
     known, found = np.isfinite(K), []
+    if known.any() and contradicted.any():
+        title = _CONTRADICTED.format(joints_text(np.flatnonzero(contradicted) + 1))
+        found.append(warning(title, _IN_MODEL, _CHECK_MODEL, 1.0 + K.size))
     for reason in dict.fromkeys(filter(None, reasons)):
         joints = np.flatnonzero([text == reason for text in reasons])
         title = f"K of {joints_text(joints + 1)} is not determined"

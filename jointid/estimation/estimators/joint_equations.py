@@ -199,8 +199,8 @@ def _not_deflected(joint: int) -> JointIdError:
     j = joint + 1
     return JointIdError(
         f"Joint {j} is not excited: its spring is not deflected above the noise in any record, so "
-        f"K{j} and D{j} cannot be identified. Move joint {j} more, and check the columns theta_m{j}_rad "
-        f"and tau_m{j}_Nm."
+        f"K{j} and D{j} cannot be identified. Move joint {j} more, nearer to its resonance, and "
+        f"check the columns theta_m{j}_rad and tau_m{j}_Nm."
     )
 
 
