@@ -273,7 +273,10 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         given = sines, study.inertias, phasors, fits["weighted"], transfer_matrices
         evidence = Evidence(*given, automatic=None if known is None else known.fit)
         if method not in fits:  # no rich model explains wrong data, and the search would take long
-            fits |= identify_each(phasors, study.sine_prior, [method], **ends_early(evidence))
+            early, late = ends_early(evidence)
+            fits |= identify_each(
+                phasors, study.sine_prior, [method], gives_up=early, gives_up_late=late
+            )
         fits = {name: fits[name] for name in dict.fromkeys((method, *LINEAR))}
         freed, _ = sine_matrices(study, fits[method].phasors)
         found = findings(replace(evidence, fit=fits[method]))

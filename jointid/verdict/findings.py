@@ -134,15 +134,12 @@ def is_wrong(evidence: Evidence) -> bool:
     return damaged or bool(wrong_data(evidence.phasors, evidence.inertias))
 
 
-def ends_early(evidence: Evidence) -> dict[str, Callable[[], bool]]:
-    """Conditions, by parameter of ``identify_each``, under which a search for models ends: wrong data.
+def ends_early(evidence: Evidence) -> tuple[Callable[[], bool], Callable[[], bool]]:
+    """Whether wrong data end a search for models far from them: ``gives_up`` and ``gives_up_late``.
 
     One record may also contradict all others where only it shows a law of the gears.
     """
-    return {
-        "gives_up": partial(is_wrong, evidence),
-        "gives_up_late": cache(lambda: one_record_off(evidence) is not None),
-    }
+    return partial(is_wrong, evidence), cache(lambda: one_record_off(evidence) is not None)
 
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:
