@@ -38,7 +38,8 @@ class Script:
         self.misfit, self.left, self.done = start, left, list[str]()
         given = {
             "has_motions": False, "may_have_friction": True, "is_distorted": False, "first": (),
-            "explains_little": False, "far": 10.0, "wrong": False, "few": 4, "impossible": False,
+            "explains_little": False, "far": 10.0, "wrong": False, "contradicted": False, "few": 4,
+            "impossible": False,
         }  # fmt: skip
         self.__dict__.update(given | facts)
         self.phasors = SimpleNamespace(omega=np.ones(4), z=None, covariance=None)
@@ -60,6 +61,9 @@ class Script:
 
     def gives_up(self) -> bool:
         return bool(self.__dict__["wrong"])
+
+    def gives_up_late(self) -> bool:
+        return bool(self.__dict__["contradicted"])
 
     def few_rows(self) -> np.ndarray:
         return np.arange(self.__dict__["few"])
@@ -102,6 +106,8 @@ FAR_OFF = ["fit_first", "fit_periodic", "fit_regressed", "climb_from_nearest", "
         (2.0, {}, {"impossible": True}, ["fit", "chosen"]),
         (50.0, {}, {"wrong": True}, ["fit_first", "given up"]),
         (9.0, {}, {"wrong": True}, NEAR),
+        (5e3, {}, {"contradicted": True}, [*FAR_OFF, "chosen"]),
+        (5e3, {"fit_laws": 3.0}, {"contradicted": True}, [*FAR_OFF, *NEAR[4:]]),
         (5e3, {}, {"few": 3}, ["fit_first", "fit_periodic", "searched in few"]),
         (99.0, {}, {"few": 3}, NEAR),
         (5e3, {"fit_regressed": 3.0}, {}, NEAR),

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,9 +28,11 @@ from jointid import (
     estimate_transfer_matrix,
     extract_phasors,
     identify_elasticity,
+    load_study,
     simulate_records,
 )
 from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.estimation.identify_elasticity import identify_each
 from jointid.gears.gear import Gear
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number, times_noise
@@ -39,6 +42,7 @@ from jointid.verdict.rules_causes import against_the_paper, half_a_sample, torqu
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged
 from jointid.verdict.rules_model import model_limits, not_physical
+from jointid.verdict.rules_outlier import one_record_off
 from jointid.verdict.rules_records import loop_below_steps, stationary_joint
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.steady_state import steady_from, unsettled
@@ -773,6 +777,51 @@ def test_one_record_in_degrees_is_named_without_a_finding_about_inertia(k: int, 
     assert "nertia" not in titles(analysis)
     assert len(unsound(analysis)) == 1, titles(analysis)
     assert len(analysis.fit.candidates) < 12, "no model explains it, and the search ends early"
+
+
+@cache
+def paper_with_friction() -> Study:
+    """Half the records of a sample whose joints stick."""
+    study = load_study(Path(__file__).parents[1] / "sample_data" / "paper.zip")
+    return replace(study, records=study.records[::2])
+
+
+@pytest.mark.parametrize(
+    ("k", "angle", "torque", "title", "factor"),
+    [
+        (5, 1.0, 1.5, "The torque in odd.csv differs in scale", 1.5),
+        long(0, 1.0, [0.8, 1.0], "The torque of joint 1 in odd.csv differs in scale", 0.8),
+        long(11, [1.0, 0.01], 1.0, "The position of joint 2 in odd.csv differs in scale", 0.01),
+        (11, 180 / np.pi, 1.0, "The position in odd.csv seems to be in degrees", 180 / np.pi),
+    ],
+)
+def test_one_wrong_record_is_named_beside_friction(
+    k: int, angle: Any, torque: Any, title: str, factor: float
+) -> None:
+    study = paper_with_friction()
+    records = list(study.sine_records)
+    right = records[k]
+    records[k] = replace(
+        right, theta_rad=right.theta_rad * angle, tau_Nm=right.tau_Nm * torque, label="odd.csv"
+    )
+    row, finding = outlier(replace(study, records=records)) or (-1, None)
+    assert row == k
+    assert finding is not None
+    assert title in finding.title
+    told = re.search(r"is ([\d.]+) times the value expected", finding.detail)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(factor, rel=0.005)
+
+
+def test_records_with_friction_do_not_contradict_each_other() -> None:
+    assert outlier(paper_with_friction()) is None
+
+
+def outlier(study: Study) -> tuple[int, Finding] | None:
+    """The record that contradicts the others, where only a linear fit is known."""
+    phasors = extract_phasors(study.sine_records)
+    fit = identify_each(phasors, study.sine_prior, ["weighted"])["weighted"]
+    return one_record_off(Evidence(study.records, study.inertias, phasors, fit, {}))
 
 
 def test_record_of_another_robot_is_named_without_a_factor() -> None:

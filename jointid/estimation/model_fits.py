@@ -14,7 +14,7 @@ from jointid.estimation.estimators.levenberg_marquardt import one_step
 from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.parameters import EFFECTS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import (
     WhitenedResidual,
@@ -243,6 +243,19 @@ def evaluated(
             'Identify with gear="linear", or record sines.'
         )
     return found
+
+
+def record_costs(phasors: Phasors, prior: InertiaPrior, p: Parameters, noise: Noise) -> Floats:
+    """Cost of each record, shape (r,), at the parameters of a fit; friction is free near reversals."""
+    effects = tuple(name for name in EFFECTS if name in p.layout)
+    rubs, curve = "coulomb" in p.layout, "curve" in p.layout and p["curve"].size > 0
+    model = Model(0.1 if rubs else None, "delay" in p.layout, curve, effects)
+    waveforms = completed(
+        model_waveforms(phasors, model, p), model.effects, model.per_turn, phasors, prior, p
+    )
+    problem = make_problem(phasors, prior, p.layout, p, waveforms, noise)
+    rows = WhitenedResidual.of(with_law_signals(problem, p.vector), p.vector).rows
+    return np.asarray((rows**2).sum(axis=1))
 
 
 def stepped(

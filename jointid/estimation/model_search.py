@@ -76,9 +76,8 @@ class Search:
     far: float = np.inf
     """Misfit of the first models from which ``gives_up`` is asked."""
     gives_up: Callable[[], bool] = bool
-    """Whether the search ends where the first models are far from the data."""
     gives_up_late: Callable[[], bool] = bool
-    """Whether it ends where models with a law of the gears are, too."""
+    """Whether the search ends where the first models, and those with a law of the gears, are far off."""
     starts: dict[Model, int] = field(default_factory=dict)
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
@@ -199,6 +198,7 @@ class Search:
             self.base,
             Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
             self.first,
+            gives_up_late=self.gives_up_late,
         )
 
     def few_rows(self, per_joint: int = _FEW) -> np.ndarray:

@@ -270,6 +270,8 @@ def _searched_in_few(search: Search, rows: np.ndarray) -> Choice:
         return _choice(search, fits.least())
     if isinstance(choice.estimate, LikelihoodEstimate):
         search.fit(choice.model, choice.estimate.named, compares=False)
+    if search.is_lost and search.gives_up_late():
+        return _choice(search, fits.least())
     if search.is_lost:  # several parts explained these records
         climb_from_nearest(search, NEARLY_ALL)
     return _choice(search, fits.least() if search.is_lost else _best(search))

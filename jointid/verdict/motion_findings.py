@@ -19,8 +19,14 @@ from jointid.verdict.rules_causes import torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_contradict, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
-from jointid.verdict.rules_outlier import AT_LIMIT, CUT_OFF, UNSIGNED, has_one_sign, is_clipped
-from jointid.verdict.rules_records import counted_twice
+from jointid.verdict.rules_records import (
+    AT_LIMIT,
+    CUT_OFF,
+    UNSIGNED,
+    counted_twice,
+    has_one_sign,
+    is_clipped,
+)
 from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import counted, joints_text, percent, significant
 

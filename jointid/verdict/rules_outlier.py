@@ -4,22 +4,34 @@ Wrong inertias, friction and wrong units of all records affect every record. An 
 record without which the others fit well. A factor that corrects its angles or torques names its fault.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
+from jointid.estimation.elasticity import ElasticityFit
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS
 from jointid.estimation.identify_elasticity import identify_each
+from jointid.estimation.model_fits import record_costs
 from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.phasors.passivity import taken_power
 from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, some, times_noise
-from jointid.verdict.rules_records import off_frequency
-from jointid.verdict.scorer import Scorer, simplest
+from jointid.verdict.rules_records import (
+    AT_LIMIT,
+    CUT_OFF,
+    UNSIGNED,
+    has_one_sign,
+    is_clipped,
+    off_frequency,
+)
+from jointid.verdict.scorer import Scorer, corrected, simplest
 from jointid.verdict.steady_state import joint_share
-from jointid.wording import capitalised, counted, percent
+from jointid.wording import capitalised, counted
 
 _LEFT = 0.02
 """Largest misfit without the outlier, over that with it; with noise alone, no record matters as much."""
@@ -37,6 +49,8 @@ _FAULTS: dict[tuple[int, float], Cause | None] = {(1, -1.0): None, (0, -1.0): No
 }
 """Cause of a known fault by signal, 0 for angles and 1 for torques, and scale; None of a sign."""
 
+_NEARLY, _STEPS = 100.0, (0.1, 0.02)
+"""Cost over the least up to which a factor is refined, and the relative steps of its inverse."""
 _CLEAR = 4.0
 """Amplitude of a torque over its noise below which there may be no sine."""
 _LOST, _EXPECTED, _MANY = 0.5, 0.1, 0.25
@@ -52,22 +66,8 @@ _FOREIGN = (
     "Check that positions and torques of each record come from the same run and clock, and check the "
     "columns of the torques and the signs of torques and gear ratios.",
 )
-CUT_OFF = (
-    "A logged torque is clipped",
-    "Log the torque with a larger range, or use smaller motions.",
-)
-UNSIGNED = (
-    "A logged torque has no sign",
-    "Log the torque with its sign: its size alone does not give K and D.",
-)
-_OPPOSITE = 0.02
-"""Largest torque of one sign over that of the other from which a torque has both."""
 _FOLDED = 0.03
 """Second harmonic over the first from which a torque of one sign may have lost the other."""
-_CUT, _FAR_MORE = 0.1, 4.0
-"""Share of the samples at the largest torque from which its log is clipped there, and their number over
-that at any smaller one: 2.4 for a sine in coarse steps."""
-AT_LIMIT = f"more than {percent(_CUT)} of the samples are at the largest torque"
 _RESONANCE = 1.5
 """Ratio of frequencies beyond which a resonance, which needs hardly any torque, is not the cause."""
 
@@ -86,8 +86,10 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
         return None
     scorer = Scorer.of(phasors, evidence.inertias)
     for row in _suspects(evidence, scorer):
-        inertias = _inertias_without(evidence, row)
-        if inertias and (found := _record_off(evidence, Scorer.of(phasors, inertias))):
+        if (known := _fit_without(evidence, row)) is None:
+            continue
+        beside = Scorer.of(phasors, known[1])
+        if found := _record_off(evidence, beside) or _off_beside_others(evidence, row, *known, beside):
             return found
     return _record_off(evidence, scorer)
 
@@ -103,10 +105,10 @@ def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
     return list(dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares)))))
 
 
-def _inertias_without(evidence: Evidence, row: int) -> list[Inertia] | None:
-    """Inertias of all records, fitted without one; None if the others do not fit either.
+def _fit_without(evidence: Evidence, row: int) -> tuple[ElasticityFit, list[Inertia]] | None:
+    """Fit without one record, and inertias of all; None if the others do not fit either.
 
-    The residual of inaccurate inertias hides that of a wrong record.
+    The residual of inaccurate inertias and of friction hides that of a wrong record.
     """
     others = np.delete(np.arange(evidence.phasors.omega.size), row)
     phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
@@ -116,7 +118,54 @@ def _inertias_without(evidence: Evidence, row: int) -> list[Inertia] | None:
         return None
     fitted = dict(zip(others.tolist(), fit.inertias, strict=True))
     alike = [[k for k in fitted if evidence.inertias[k] is given] for given in evidence.inertias]
-    return [fitted[same[0]] for same in alike] if fit.misfit < GOOD and all(alike) else None
+    if not (fit.misfit < GOOD and all(alike)):
+        return None
+    return fit, [fitted[same[0]] for same in alike]
+
+
+def _off_beside_others(
+    evidence: Evidence, row: int, others: ElasticityFit, inertias: Sequence[Inertia], scorer: Scorer
+) -> tuple[int, Finding] | None:
+    """A record that contradicts the model of all others, which may have friction and further effects."""
+    phasors, p, n = evidence.phasors, others.parameters, evidence.phasors.n
+    if any(effect in p.layout for effect in PERIODIC_EFFECTS):
+        return None
+    noise = spring_equations(phasors, inertias).noise
+
+    def cost(scale: Floats) -> float:
+        """Cost of the record, corrected, over the median of the others."""
+        scales: Floats = np.ones(phasors.z.shape)
+        scales[row] = scale
+        square = scales[:, None, :, None] * scales[:, None, None]
+        of_scaled = replace(noise, covariance=noise.covariance / square)
+        try:
+            costs = record_costs(corrected(phasors, scales), evidence.fit.prior, p, of_scaled)
+        except (JointIdError, np.linalg.LinAlgError):
+            return np.inf
+        return float(np.nan_to_num(costs[row] / np.median(np.delete(costs, row)), nan=np.inf))
+
+    with np.errstate(all="ignore"):
+        if cost(np.ones(2 * n)) < GOOD * phasors.omega.size:
+            return None
+        scales = _corrections(scorer, row, others.K + 1j * phasors.omega[row] * others.D)
+        found = np.array([cost(scale) for scale in scales])
+        for k in np.flatnonzero(found < _NEARLY * found.min()):
+            if not any(factor in scales[k] for _, factor in _FAULTS):
+                scales[k], found[k] = _refined(scales[k], cost)
+    scale = scales[simplest(found)] if found.min() < GOOD else np.ones(2 * n)
+    return row, _contradicting(evidence, row, scale, evidence.fit.misfit, others.misfit)
+
+
+def _refined(scale: Floats, cost: Callable[[Floats], float]) -> tuple[Floats, float]:
+    """The scale, its factor at the least cost, and that cost, which is quadratic in 1 / factor."""
+    scaled = scale != 1
+    for step in _STEPS:
+        inverse = np.array([1 - step, 1.0, 1 + step])
+        low, middle, high = (cost(np.where(scaled, scale / each, 1.0)) for each in inverse)
+        bend = low - 2 * middle + high
+        change = 0.5 * step * (low - high) / bend if bend > 0 else 0.0
+        scale = np.where(scaled, scale / (1 + np.clip(change, -0.5, 0.5)), 1.0)
+    return scale, cost(scale)
 
 
 def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | None:
@@ -139,19 +188,24 @@ def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | Non
         if left >= GOOD:
             return None  # the others do not fit either
         scale = np.ones_like(scale)
+    return first, _contradicting(evidence, first, scale, float(whole.cost[0]), left)
+
+
+def _contradicting(evidence: Evidence, row: int, scale: Floats, whole: float, left: float) -> Finding:
+    """The finding on a record, for misfits with it and without it."""
     before = "the fit has no positive stiffness"
-    if np.isfinite(whole.cost[0]):
-        before = f"the residual is {times_noise(float(whole.cost[0]))}"
-    title, cause, remedy, is_known = _outlier_text(phasors.labels[first], scale)
-    return first, problem(
+    if np.isfinite(whole):
+        before = f"the residual is {times_noise(whole)}"
+    title, cause, remedy, is_known = _outlier_text(evidence.phasors.labels[row], scale)
+    return problem(
         title,
-        f"With it, {before}; without it, the residual of the other {count - 1} records is "
-        f"{times_noise(left)}. {cause}",
+        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} "
+        f"records is {times_noise(left)}. {cause}",
         remedy,
         10.0,
         "edit runs",
-        *([Change("scale", (first,), tuple(scale.tolist()))] if is_known else []),
-        Change("leave out", (first,)),
+        *([Change("scale", (row,), tuple(scale.tolist()))] if is_known else []),
+        Change("leave out", (row,)),
     )
 
 
@@ -252,19 +306,6 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
         yield _foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
         yield _foreign(evidence, found[1], AT_LIMIT, CUT_OFF)
-
-
-def is_clipped(torque: Floats) -> bool:
-    """Whether many samples have the largest size, and far more than any smaller one."""
-    counts = np.unique(np.abs(torque), return_counts=True)[1]
-    return bool(counts.size > 1 and counts[-1] > max(_CUT * torque.size, _FAR_MORE * counts[:-1].max()))
-
-
-def has_one_sign(torque: Floats) -> bool:
-    """Whether a torque reaches zero and keeps its sign."""
-    largest = float(np.abs(torque).max())
-    opposite = min(float(torque.max()), -float(torque.min()))
-    return abs(opposite) < _OPPOSITE * largest
 
 
 def motors_take_power(evidence: Evidence) -> Iterator[Finding]:

@@ -40,6 +40,20 @@ _ODD = np.uint64(0x9E3779B97F4A7C15)
 """Odd multiplier of the digest of a sample: 2⁶⁴ over the golden ratio."""
 _SHARED = 0.5
 """Share of the samples of a motion that are also in another one, from which it is counted twice."""
+CUT_OFF = (
+    "A logged torque is clipped",
+    "Log the torque with a larger range, or use smaller motions.",
+)
+UNSIGNED = (
+    "A logged torque has no sign",
+    "Log the torque with its sign: its size alone does not give K and D.",
+)
+_OPPOSITE = 0.02
+"""Largest torque of one sign over that of the other from which a torque has both."""
+_CUT, _FAR_MORE = 0.1, 4.0
+"""Share of the samples at the largest torque from which its log is clipped there, and their number over
+that at any smaller one: 2.4 for a sine in coarse steps."""
+AT_LIMIT = f"more than {percent(_CUT)} of the samples are at the largest torque"
 
 
 def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
@@ -266,6 +280,19 @@ def loop_below_steps(evidence: Evidence) -> Iterator[Finding]:
                 "Use a finer encoder.",
                 _LOOP_SHIFT,
             )
+
+
+def is_clipped(torque: Floats) -> bool:
+    """Whether many samples have the largest size, and far more than any smaller one."""
+    counts = np.unique(np.abs(torque), return_counts=True)[1]
+    return bool(counts.size > 1 and counts[-1] > max(_CUT * torque.size, _FAR_MORE * counts[:-1].max()))
+
+
+def has_one_sign(torque: Floats) -> bool:
+    """Whether a torque reaches zero and keeps its sign."""
+    largest = float(np.abs(torque).max())
+    opposite = min(float(torque.max()), -float(torque.min()))
+    return abs(opposite) < _OPPOSITE * largest
 
 
 def _concerned(count: int) -> str:

@@ -53,16 +53,7 @@ class Hypothesis:
 
     def corrected(self, phasors: Phasors) -> Phasors:
         """Phasors with true angles and torques, where these are scaled."""
-        angle, torque = np.split(self.scale, 2)
-        square = np.outer(self.scale, self.scale)
-        return replace(
-            phasors,
-            q=phasors.q / angle,
-            tau=phasors.tau / torque,
-            covariance=phasors.covariance / square,
-            harmonics=phasors.harmonics / self.scale,
-            harmonic_covariance=phasors.harmonic_covariance / square,
-        )
+        return corrected(phasors, np.broadcast_to(self.scale, phasors.z.shape))
 
     def inertia(self, given: Inertia) -> Inertia:
         """Inertia of the joints as logged, where whole axes are exchanged or reversed."""
@@ -70,6 +61,19 @@ class Hypothesis:
         place, sign = np.argsort(self.order[:n]), self.scale[:n]
         arms = [getattr(given, f.name) * np.outer(sign, sign) for f in fields(given) if f.name != "M"]
         return Inertia(given.M[place], *(arm[np.ix_(place, place)] for arm in arms))
+
+
+def corrected(phasors: Phasors, scale: Floats) -> Phasors:
+    """Phasors divided by the scale of each record's angles, then torques, shape (r, 2n)."""
+    square = scale[:, :, None] * scale[:, None]
+    return replace(
+        phasors,
+        q=phasors.q / scale[:, : phasors.n],
+        tau=phasors.tau / scale[:, phasors.n :],
+        covariance=phasors.covariance / square,
+        harmonics=phasors.harmonics / scale[:, None],
+        harmonic_covariance=phasors.harmonic_covariance / square[:, None],
+    )
 
 
 def simplest(cost: Floats) -> int:
