@@ -65,7 +65,7 @@ from jointid.gears.driven_gears import DrivenGears, _loop
 from jointid.gears.gear import knees
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.law_regression import law_by_regression
-from jointid.gears.laws import GearLaws
+from jointid.gears.laws import GearLaws, nonlinear_laws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.motor_motion import each as by_pose
 from jointid.gears.torsion_curve import torsion_curves
@@ -214,6 +214,51 @@ def test_the_dominant_law_names_the_gear() -> None:
     assert (both.kind, both.laws) == ("hardening", ("hardening", "backlash"))
     assert replace(both, tried_rad=0.002).kind == "backlash"
     assert Gear(K=43.0, loss_factor=0.1).laws == ("linear",)
+
+
+def test_the_secant_stiffness_is_that_at_the_torque_tried_without_the_backlash() -> None:
+    """K + cubic δ² of a hardening gear; of a gear of other torques, as many times as large."""
+    gear = Gear(K=43.0, cubic=9000.0, backlash_rad=0.004, tried_rad=0.032)
+    gear = replace(gear, tried_Nm=float(gear.torque(0.032)))
+    assert gear.secant_K == pytest.approx(43 + 9000 * 0.03**2)
+    assert gear.scaled(2.5).secant_K == pytest.approx(2.5 * gear.secant_K)
+    assert gear.backlash_share == pytest.approx(0.002 / 0.032)
+    at = np.linspace(-0.04, 0.04, 9)
+    whole = replace(gear, hysteresis_Nm=0.2, presliding_rad=0.01, K2=50.0, K3=60.0, T1_Nm=0.4, T2_Nm=0.9)
+    np.testing.assert_allclose(whole.scaled(2.5).torque(at), 2.5 * whole.torque(at))
+    assert whole.scaled(2.5).hysteresis_Nm == pytest.approx(0.5)
+    assert replace(gear, cubic=0.0, backlash_rad=0.0).secant_K == 43.0
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, DAHL], ids=lambda gear: gear.kind)
+def test_a_law_at_one_joint_is_a_law_of_all(gear: Gear) -> None:
+    K = np.array([43.0, 7.5])
+    laws = nonlinear_laws(K, [Gear(), gear], 2.0)
+    assert laws is not None
+    np.testing.assert_allclose(laws.K, 4 * K[:, None])
+    assert nonlinear_laws(K, [Gear(), Gear(loss_factor=0.1)]) is None
+    assert nonlinear_laws(K, None) is None
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7])
+def test_the_stiffness_in_a_sine_is_the_describing_function_of_the_law(share: float) -> None:
+    """3/4 of the cubic torque; of an edge at a share x of the amplitude, (asin x + x √(1 − x²)) 2/π."""
+    a, K = 0.03, 50.0
+    within = 2 / np.pi * (np.arcsin(share) + share * np.sqrt(1 - share**2))
+    second = 2 / np.pi * (np.arcsin(0.9) + 0.9 * np.sqrt(1 - 0.9**2))
+    first_Nm = K * share * a
+    slopes = {"K2": 80.0, "K3": 20.0, "T1_Nm": first_Nm, "T2_Nm": first_Nm + 80 * (0.9 - share) * a}
+    delta = a * np.sin(2 * np.pi * np.arange(1024) / 1024)[None]
+    for law, expected in (
+        ({"cubic": 3e4}, K + 0.75 * 3e4 * a**2),
+        ({"backlash_rad": 2 * share * a}, K * (1 - within)),
+        (slopes, K + 30 * (1 - within) - 60 * (1 - second)),
+    ):
+        for sign in (1, -1):
+            found = law_stiffness(Gear(K=K, **law), sign * delta)
+            assert found == pytest.approx([expected], rel=1e-5)
+            larger = law_stiffness(Gear(K=K, **law).scaled(3.0), sign * delta)
+            assert larger == pytest.approx([3 * expected], rel=1e-5)
 
 
 def test_impossible_gears_are_refused() -> None:
