@@ -171,7 +171,9 @@ def test_a_line_is_in_the_band_at_thirty_times_the_noise_over_half_a_hertz(
 
 def test_an_empty_band_is_named_with_its_ends() -> None:
     record = replace(logged(np.arange(300) * T), band_hz=(1.5, 2.5))
-    with pytest.raises(JointIdError, match=r"record 1: the band of 1.5 to 2.5 Hz of the study holds too"):
+    with pytest.raises(
+        JointIdError, match=r"record 1: the band of 1.5 to 2.5 Hz of the study holds too"
+    ):
         motion_phasors([record], np.ones((1, 1)))
 
 
@@ -827,7 +829,9 @@ def test_the_velocity_of_a_motion_without_noise_is_its_derivative() -> None:
 def test_velocities_of_joints_do_not_depend_on_each_other_and_scale_with_them() -> None:
     rng = np.random.default_rng(3)
     noise = np.array([1e-3, 3e-2])
-    angle = np.sin(np.arange(700) * T * np.array([[3.0], [8.0]])) + noise[:, None] * rng.standard_normal((2, 700))
+    angle = np.sin(np.arange(700) * T * np.array([[3.0], [8.0]])) + noise[:, None] * rng.standard_normal(
+        (2, 700)
+    )
     both = smooth_velocity(angle, T, noise**2)
     for j in range(2):
         alone = smooth_velocity(8 * angle[j : j + 1], T, 64 * noise[j : j + 1] ** 2)

@@ -353,7 +353,9 @@ def test_waves_begin_with_the_fundamental() -> None:
 
 
 @pytest.mark.parametrize(("H", "points"), [(3, 150), (60, 150), (60, 100)])
-def test_samples_over_a_period_are_sums_of_waves_and_phasors_their_integrals(H: int, points: int) -> None:
+def test_samples_over_a_period_are_sums_of_waves_and_phasors_their_integrals(
+    H: int, points: int
+) -> None:
     """Of few harmonics, of many, and of more than the samples tell apart; equation (2) as a sum."""
     rng = np.random.default_rng(1)
     y = rng.standard_normal((2, H)) + 1j * rng.standard_normal((2, H))

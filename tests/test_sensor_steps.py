@@ -299,7 +299,9 @@ def known_fit(record: SineRecord, size: float, step: float, noise: float = 0.0) 
     """The first three harmonics of a sine of some steps, with noise of a variance in steps squared."""
     covariance = noise * 4 / record.samples * step**2 * np.eye(2) * np.ones((3, 1, 1))
     harmonics = np.array([[size * step, 1.0], [0, 0], [0, 0]], complex)
-    return SimpleNamespace(harmonics=harmonics, covariance=covariance, offset=np.zeros(2), drift=np.zeros(2))
+    return SimpleNamespace(
+        harmonics=harmonics, covariance=covariance, offset=np.zeros(2), drift=np.zeros(2)
+    )
 
 
 @pytest.mark.parametrize("step", [0.125, 8.0])
@@ -323,7 +325,9 @@ def test_turning_points_leave_the_mean_square_of_the_bessel_functions(
 
 @pytest.mark.parametrize(("size", "unknown"), [(0.49, True), (0.51, False)])
 @pytest.mark.parametrize("step", [0.125, 8.0])
-def test_a_signal_of_two_levels_has_an_unknown_amplitude(size: float, unknown: bool, step: float) -> None:
+def test_a_signal_of_two_levels_has_an_unknown_amplitude(
+    size: float, unknown: bool, step: float
+) -> None:
     """Variance 1/16 of a squared step, besides that of rounding; with three levels it does not."""
     time = np.arange(4000) / 61.56789
     wave = np.sin(2 * np.pi * time)
@@ -341,7 +345,9 @@ def test_a_signal_of_two_levels_has_an_unknown_amplitude(size: float, unknown: b
 def test_a_ramp_counts_by_its_integral_with_the_wave() -> None:
     """A signal that crosses six steps of 40 samples, against waves of 100 samples and shorter."""
     _, share = _runs(np.repeat(np.arange(8.0), 40), 100.0, 5)
-    x = (np.arange(4000) + 0.5) / 4000 - 0.5  # error of a ramp, in steps; that of a rest is its mean square
+    x = (
+        np.arange(4000) + 0.5
+    ) / 4000 - 0.5  # error of a ramp, in steps; that of a rest is its mean square
     waves = np.exp(2j * np.pi * np.outer(np.arange(1, 6), x) * 40 / 100)
     ramp, rest = (np.abs(np.mean(waves * error, axis=1)) ** 2 * 12 for error in (x, 12**-0.5))
     np.testing.assert_allclose(share, (6 * (1 + 40**2 * ramp) + 2 * 40**2 * rest) / 320, rtol=1e-5)

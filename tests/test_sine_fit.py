@@ -305,7 +305,13 @@ def test_harmonics_are_below_half_the_rate_and_their_unknowns_a_quarter_of_the_s
 
 @pytest.mark.parametrize(
     ("samples", "period", "block"),
-    [(100_000, 10.25, 1025), (4000, 40.5, 243), (1700, 100.0, 100), (3300, 100.3, 201), (700, 100.0, 100)],
+    [
+        (100_000, 10.25, 1025),
+        (4000, 40.5, 243),
+        (1700, 100.0, 100),
+        (3300, 100.3, 201),
+        (700, 100.0, 100),
+    ],
 )
 def test_blocks_are_nearly_whole_periods_of_a_thousand_samples_or_of_a_sixteenth(
     samples: int, period: float, block: int

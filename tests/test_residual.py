@@ -1,0 +1,172 @@
+"""The residual of the fit: zero for robots that have its effects, with the derivatives of a residual."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants import PARALLELOGRAM, SERIAL, exact_phasors
+
+from jointid import Inertia
+from jointid.arrays import Floats
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
+from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
+from jointid.estimation.estimators.residual import Residual
+
+HZ, H, n = np.array([3.0, 7.0, 12.0, 25.0] * 2), 3, 2
+POSES = [PARALLELOGRAM] * 4 + [SERIAL] * 4
+TRUE = {
+    "K": [43.0, 7.5], "D": [0.10, 0.015], "viscous": [0.01, 0.02], "arm_viscous": [0.03, 0.01],
+    "loss_factor": [0.05, 0.1], "lag": [3e-4, 1e-3], "position_filter": [1e-3, 5e-4],
+    "torque_filter": [4e-4, 2e-3], "link": [2e-8, 1e-8], "gravity": [3.0, -1.0],
+    "torque_scale": [1.1, 0.8],
+}  # fmt: skip
+EFFECTS = tuple(name for name in TRUE if name not in ("K", "D", "torque_scale"))
+
+
+def logged(p: Parameters) -> np.ndarray:
+    """Logs z (r, H, 2n) of robots whose motors move anyhow: one matrix equation for each line."""
+    rng = np.random.default_rng(1)
+    motor = rng.standard_normal((8, H, n)) + 1j * rng.standard_normal((8, H, n))
+    z = np.zeros((8, H, 2 * n), complex)
+    reference = np.exp(np.log(2 * np.pi * HZ).mean())
+    for r, h in np.ndindex(8, H):
+        s = 2j * np.pi * HZ[r] * (h + 1)
+        loss = p.effect("loss_factor") * (1j + 2 / np.pi * np.log(abs(s) / reference))
+        gear = np.diag(p.K * (1 + loss) + s * p.D)
+        own = s * p.effect("arm_viscous") + p.effect("gravity") - s**4 * p.effect("link")
+        arm = s**2 * POSES[r].M2 + np.diag(own * np.ones(n))
+        q = motor[r, h]
+        angle = np.linalg.solve(arm + gear, gear @ q)  # (A + κ) q_a = κ q
+        acting = s**2 * POSES[r].M * q + s * p.effect("viscous") * q + gear @ (q - angle)
+        late = np.exp(-s * (p.effect("lag") + p.delay)) / (1 + s * p.effect("torque_filter"))
+        z[r, h] = np.r_[q / (1 + s * p.effect("position_filter")), acting / (late * p.torque_scale)]
+    return z
+
+
+def problem_of(
+    effects: tuple[str, ...], *, delay: float = 0.0, std: float = 0.0
+) -> tuple[Problem, Floats]:
+    """The problem of these logs, with inertias that are given wrongly, and the true parameters."""
+    given = [Inertia(0.9 * each.M, 1.1 * each.M2) for each in POSES] if std else POSES
+    prior = InertiaPrior.of(given, 8, n, inertia_std=std, torque_std=std)
+    layout = fitted_layout(prior, None, bool(delay), effects)
+    values = {name: value for name, value in TRUE.items() if name in layout}
+    if std:
+        lower = np.tril_indices(n)
+        values |= {"M": POSES[0].M, "M2": [POSES[0].M2[lower], POSES[4].M2[lower]]}
+    values |= {"delay": delay} if delay else {}
+    p = layout.named(layout.pack(**values))
+    z = logged(p)
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((8, H, 2 * n, 2 * n)) + 1j * rng.standard_normal((8, H, 2 * n, 2 * n))
+    root *= [[1e-6], [1e-6], [1e-3], [1e-3]]
+    covariance = root @ root.conj().swapaxes(2, 3)
+    phasors = replace(
+        exact_phasors(HZ, z[:, 0, :n], z[:, 0, n:]),
+        harmonics=z, harmonic_covariance=covariance, harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    noise = Noise(covariance, np.full(8, 1e6))
+    return make_problem(phasors, prior, layout, p, None, noise), p.vector
+
+
+CASES = [((), 0.0, 0.0), (EFFECTS, 0.0, 0.2), (("position_filter", "link"), 2e-3, 0.0)]
+
+
+@pytest.mark.parametrize(("effects", "delay", "std"), CASES)
+def test_a_robot_with_effects_leaves_no_residual(
+    effects: tuple[str, ...], delay: float, std: float
+) -> None:
+    """Which is linear in the logs: its covariance follows from theirs."""
+    problem, p = problem_of(effects, delay=delay, std=std)
+    found = Residual.at(problem, p)
+    assert np.abs(found.r).max() < 1e-10 * np.abs(found.torque).max()
+    change = np.random.default_rng(3).standard_normal(problem.z.shape) * [1e-3, 1e-3, 1.0, 1.0]
+    moved = Residual.at(replace(problem, z=problem.z + change), p)
+    np.testing.assert_allclose(moved.r, (found.E @ change[..., None])[..., 0], atol=1e-9)
+    V = found.E @ problem.noise.covariance @ found.E.conj().swapaxes(2, 3)
+    np.testing.assert_allclose(found.V, V, atol=1e-9 * np.abs(V).max())
+    if not effects:
+        np.testing.assert_allclose(found.ideal_torque(), problem.z[:, :1, n:], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("effects", "delay", "std"), CASES)
+def test_the_jacobian_is_that_of_the_residual(
+    effects: tuple[str, ...], delay: float, std: float
+) -> None:
+    problem, p = problem_of(effects, delay=delay, std=std)
+    p = 1.03 * p
+    J = Residual.at(problem, p).jacobian(problem.z)
+    for k, label in enumerate(problem.layout.labels):
+        step = 1e-5 * p[k] * np.eye(p.size)[k]
+        ahead, behind = (Residual.at(problem, p + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        assert np.linalg.norm(J[..., k] - column) < 1e-7 * np.linalg.norm(column), label
+
+
+@pytest.mark.parametrize(
+    ("name", "possible", "impossible"),
+    [
+        ("K", 99.0, 101.0),
+        ("K", 1e-6, 0.0),
+        ("D", -1.0, None),
+        ("M", 1e-6, 0.0),
+        ("torque_scale", 1e-6, -1e-6),
+    ],
+)
+def test_a_fit_stays_where_robots_are_possible(
+    name: str, possible: float, impossible: float | None
+) -> None:
+    """K up to a hundred times the start; inertias and torque scales are positive."""
+    problem, p = problem_of(EFFECTS, std=0.2)
+    place = problem.layout[name].stop - 1
+    for share, wanted in ((possible, True), (impossible, False)):
+        if share is not None:
+            assert problem.feasible(np.where(np.arange(p.size) == place, share * p, p)) == wanted
+
+
+def test_an_arm_inertia_is_positive_definite() -> None:
+    problem, p = problem_of((), std=0.2)
+    first = problem.layout["M2"].start  # M2_11, M2_21, M2_22 of the first pose
+    limit = np.sqrt(p[first] * p[first + 2])
+    for share in (-1.01, -0.99, 0.99, 1.01):
+        p[first + 1] = share * limit
+        assert problem.feasible(p) == (abs(share) < 1)
+
+
+def test_the_prior_pulls_inertias_torque_scales_and_links_by_their_errors() -> None:
+    problem, p = problem_of(EFFECTS, std=0.2)
+    deviation, weight = problem.prior_residual(p)
+    layout, units = problem.layout, problem.prior.units
+    expected = {
+        "M": (POSES[0].M * 0.1, 0.2 * units["M"]),
+        "torque_scale": ([0.1, -0.2], [0.2, 0.2]),
+        "link": (TRUE["link"], problem.link_std),
+    }
+    for name, (off, std) in expected.items():
+        np.testing.assert_allclose(deviation[layout[name]], np.ravel(off))
+        np.testing.assert_allclose(np.diag(weight)[layout[name]], np.ravel(std) ** -2.0)
+    of_M2 = deviation[layout["M2"]].reshape(2, 3)
+    np.testing.assert_allclose(of_M2, -0.1 * np.array([m.M2[np.tril_indices(n)] for m in POSES[::4]]))
+    assert not deviation[layout["K"]].any()
+    assert not weight[layout["gravity"]].any()
+    assert problem.rows == 2 * 8 * H * n
+    assert problem.highest_rad_s == pytest.approx(50 * np.pi)
+
+
+def test_a_filter_starts_beside_a_delay_that_it_shortens() -> None:
+    """With 0.3 of the delay, or a twentieth of the shortest period over 2π if that is more."""
+    problem, p = problem_of(("position_filter",), delay=2e-3)
+    without = ParameterLayout.of(n, delay=True)
+    for delay, T in ((0.02, 6e-3), (1e-5, 0.05 / (50 * np.pi))):
+        start = without.named(without.pack(K=TRUE["K"], D=TRUE["D"], delay=delay))
+        found = problem.layout.named(problem.start(start))
+        np.testing.assert_allclose(found["position_filter"], T)
+        assert found.delay == pytest.approx(delay - T)
+        assert found.K.tolist() == TRUE["K"]
+    shorter = problem.layout.named(problem.start(start, 0.01))
+    np.testing.assert_allclose(shorter["position_filter"], 0.01 / (50 * np.pi))
+    np.testing.assert_array_equal(problem.start(problem.layout.named(p)), p)  # all of it is given
