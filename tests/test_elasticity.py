@@ -44,6 +44,7 @@ from jointid.estimation import elasticity as elasticity_module
 from jointid.estimation.elasticity import likelihood_fit, undetermined
 from jointid.estimation.estimators.held_torque import HeldTorque
 from jointid.estimation.estimators.joint_equations import SpringEquations
+from jointid.estimation.estimators.linear_fit import explicit, least_squares, weighted
 from jointid.estimation.estimators.noise import Noise, moderated_noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 
@@ -293,6 +294,42 @@ def test_weighted_is_generalised_least_squares() -> None:
     expected = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ b)
     error = 0.02 * fit.standard_error  # the weights hang on the answer; the last pass moves it little
     assert np.all(np.abs(answer(fit) - expected) < error)
+
+
+def test_equations_of_the_robot_leave_what_noise_makes() -> None:
+    """Residuals by the matrix of the signals; none of a record without motion, which is refused."""
+    phasors = example()
+    equations = spring_equations(phasors, SERIAL)
+    K, D = PAPER.K, PAPER.D
+    assert np.abs(equations.residual(K, D)).max() < 1e-8 * np.abs(equations.b).max()
+    wrong = K + [3.0, -1.0], D - [0.01, 0.02]
+    of_signals = (equations.residual_gain(*wrong) @ phasors.z[..., None])[..., 0]
+    np.testing.assert_allclose(equations.residual(*wrong), of_signals, rtol=1e-9)
+    none = np.zeros_like(equations.noise.covariance)
+    still = replace(equations, noise=Noise(none, equations.noise.degrees_of_freedom))
+    with pytest.raises(JointIdError, match="The motor of joint 1 does not move in a record"):
+        still.residual_covariance(K, D)
+
+
+def test_only_weights_from_estimated_noise_cost_accuracy() -> None:
+    """Least squares have no weights: half the complex covariance, however well that is known."""
+    equations = spring_equations(scattered(), SERIAL)
+    few, many = (
+        replace(equations, noise=replace(equations.noise, degrees_of_freedom=np.full(14, freedom)))
+        for freedom in (9.0, 1e9)
+    )
+    for method in (least_squares, explicit):
+        known, guessed = method(many), method(few)
+        np.testing.assert_allclose(known.covariance, guessed.covariance, rtol=1e-9)
+        e = few.residual(*np.split(guessed.elasticity, 2))
+        V = few.residual_covariance(*np.split(guessed.elasticity, 2)) * 9 / 7
+        cost = np.einsum("ri,rij,rj->", e.conj(), np.linalg.inv(V), e).real
+        assert guessed.cost == pytest.approx(cost, rel=1e-9)
+    known, guessed = weighted(many), weighted(few)
+    ratio = np.diag(guessed.covariance) / np.diag(known.covariance)
+    assert np.all((ratio > 1.3) & (ratio < 81 / 48))
+    # Of 28 complex equations four real parameters take the share of two.
+    assert known.expected_cost == pytest.approx(26, rel=0.02)
 
 
 # Noise

@@ -832,11 +832,13 @@ def test_the_iteration_stays_where_parameters_are_possible() -> None:
 
 
 @pytest.mark.usefixtures("_in_a_valley")
-def test_a_model_that_does_not_explain_the_data_is_left_early() -> None:
+@pytest.mark.parametrize("rows", [4, 10_000])
+def test_a_model_that_does_not_explain_the_data_is_left_early(rows: int) -> None:
     """Steps that lower the cost by less than three per mille end it, in a row of three."""
     counts = []
     for rest in (0.0, 1e4):
         problem: Any = Valley([-9.0, -9.0], rest=rest)
+        problem.rows = rows
         minimised(problem, np.array([-1.0, 2.0]), np.ones(1), damping=1.0)
         counts.append(problem.evaluations)
     assert counts[1] <= 4 < counts[0]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ from plants import PARALLELOGRAM, SERIAL, exact_phasors
 from jointid import Inertia
 from jointid.arrays import Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.levenberg_marquardt import penalty, quadratic
 from jointid.estimation.estimators.noise import Noise
+from jointid.estimation.estimators.parameters import EFFECTS as EVERY
 from jointid.estimation.estimators.parameters import ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import Problem, fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
@@ -170,3 +174,59 @@ def test_a_filter_starts_beside_a_delay_that_it_shortens() -> None:
     shorter = problem.layout.named(problem.start(start, 0.01))
     np.testing.assert_allclose(shorter["position_filter"], 0.01 / (50 * np.pi))
     np.testing.assert_array_equal(problem.start(problem.layout.named(p)), p)  # all of it is given
+
+
+def test_frictions_losses_gaps_and_masses_are_not_negative() -> None:
+    """Timing, gravity and changes of stiffness have either sign."""
+    positive = {name for name, effect in EVERY.items() if effect.positive}
+    assert positive == {
+        "viscous", "arm_viscous", "arm_coulomb", "loss_factor", "load", "motor_presliding", "link",
+        "backlash", "hysteresis",
+    }  # fmt: skip
+
+
+def test_gears_stay_within_the_range_that_records_can_show() -> None:
+    """Of their units: shapes from 1e-4 to 2, gaps and loops up to 4; slopes of at least a tenth of K."""
+    effects = ("piecewise", "backlash", "hysteresis")
+    layout = ParameterLayout.of(n, effects=effects)
+    names = ("knee", "second_knee", "presliding", "backlash", "hysteresis")
+    units = {name: np.array([0.5, 2.0]) * (k + 1) for k, name in enumerate(names)}
+    usual = {name: 0.3 * unit for name, unit in units.items()} | {"K": [40.0, 10.0], "D": [-1.0, 1.0]}
+    laws: Any = SimpleNamespace(motors=None, units=lambda p: units)
+    problem = replace(problem_of(())[0], layout=layout, laws=laws)
+
+    def possible(**changed: Any) -> bool:
+        return problem.feasible(layout.pack(**{**usual, **changed}))
+
+    assert possible()
+    for name, unit in units.items():
+        low, high = (-4.0, 4.0) if name in ("backlash", "hysteresis") else (1e-4, 2.0)
+        for j in range(n):
+            for share in (low + 1e-5, low - 1e-5, high - 1e-5, high + 1e-5):
+                value = np.where(np.arange(n) == j, share, 0.3) * unit
+                assert possible(**{name: value}) == (low < share < high), (name, share)
+    assert possible(piecewise=[-35.9, 0], second_bend=[0, 0])
+    assert not possible(piecewise=[-36.1, 0], second_bend=[0, 0])
+    assert not possible(piecewise=[-20.0, 0], second_bend=[-16.1, 0])
+    assert possible(piecewise=[-20.0, 0], second_bend=[-15.9, 0])
+    laws.motors = object()  # arms that are followed over time
+    assert not possible()
+    assert possible(D=[1.0, 1.0])
+
+
+def test_the_cost_of_a_linear_residual_is_its_parabola_with_the_prior() -> None:
+    """Rows and half the prior's square: exact at any distance."""
+    rng = np.random.default_rng(5)
+    J, left, root = rng.standard_normal((7, 3)), rng.standard_normal(7), rng.standard_normal((3, 3))
+    weight, mean = root @ root.T, rng.standard_normal(3)
+    problem: Any = SimpleNamespace(prior_residual=lambda p: (p - mean, weight))
+
+    def at(p: Floats) -> Any:
+        return SimpleNamespace(at=SimpleNamespace(problem=problem), rows=left + J @ p, columns=lambda: J)
+
+    p, step = rng.standard_normal((2, 3))
+    cost, gradient, normal = quadratic(at(p), p)
+    there, *_ = quadratic(at(p + step), p + step)
+    assert there == pytest.approx(cost + 2 * gradient @ step + step @ normal @ step)
+    assert penalty(problem, p) == pytest.approx(0.5 * np.sum((root.T @ (p - mean)) ** 2))
+    assert cost == pytest.approx(np.sum((left + J @ p) ** 2) + penalty(problem, p))

@@ -287,13 +287,16 @@ def test_the_noise_of_one_period_with_harmonics_is_that_of_the_residual() -> Non
 def test_eight_samples_are_enough_and_seven_are_not() -> None:
     record = SineRecord(1.0, np.arange(8) / 8, np.sin(np.arange(8)), np.cos(np.arange(8)))
     assert np.isfinite(fit_sines([record])[0].covariance).all()
-    with pytest.raises(JointIdError, match="A record has 7 usable samples; .* needs 8"):
+    with pytest.raises(JointIdError, match=r"A record has 7 usable samples; .* needs 8"):
         fit_sines([SineRecord(1.0, np.arange(7) / 7, np.arange(7) % 3, np.arange(7) % 2)])
 
 
 @pytest.mark.parametrize(
     ("samples", "period", "highest"),
-    [(48, 20.0, 5), (47, 20.0, 4), (800, 20.1, 9), (800, 19.9, 8), (800, 3.0, 1), (79, 40.0, 1), (80, 40.0, 9)],
+    [
+        (48, 20.0, 5), (47, 20.0, 4), (800, 20.1, 9), (800, 19.9, 8), (800, 3.0, 1), (79, 40.0, 1),
+        (80, 40.0, 9),
+    ],
 )  # fmt: skip
 def test_harmonics_are_below_half_the_rate_and_their_unknowns_a_quarter_of_the_samples(
     samples: int, period: float, highest: int
