@@ -230,3 +230,38 @@ def test_the_cost_of_a_linear_residual_is_its_parabola_with_the_prior() -> None:
     assert there == pytest.approx(cost + 2 * gradient @ step + step @ normal @ step)
     assert penalty(problem, p) == pytest.approx(0.5 * np.sum((root.T @ (p - mean)) ** 2))
     assert cost == pytest.approx(np.sum((left + J @ p) ** 2) + penalty(problem, p))
+
+
+def test_a_hardening_gear_with_friction_at_the_arm_leaves_no_residual() -> None:
+    """An arm in a sine rubs as a square wave; the gear yields to the torque; the motor moves both."""
+    M, M2, K, cubic, coulomb, H, N = 2.5e-3, 4.1e-3, 43.0, 3e4, 0.05, 41, 4096
+    layout = ParameterLayout.of(1, effects=("cubic", "arm_coulomb"))
+    p = layout.named(layout.pack(K=[K], D=[0.0], cubic=[cubic], arm_coulomb=[coulomb]))
+    hz, phase = np.array([6.0, 9.0]), 2 * np.pi * (np.arange(N) + 0.5) / N
+    z = np.zeros((2, H, 2), complex)
+    for r, omega in enumerate(2 * np.pi * hz):
+        arm = 1.2 / (M2 * omega**2) * np.sin(phase)
+        through = -(omega**2) * M2 * arm + coulomb * np.sign(np.cos(phase))
+        bent = np.linspace(-0.05, 0.05, 20_001)
+        wound = np.interp(through, K * bent + cubic * bent**3, bent)
+        orders = np.arange(1, H + 1)
+        of_motor, of_gear = (
+            2j / N * np.exp(-1j * np.outer(orders, phase)) @ wave for wave in (arm + wound, through)
+        )
+        z[r] = np.stack([of_motor, of_gear - (omega * orders) ** 2 * M * of_motor], axis=1)
+    covariance = np.tile(np.diag([1e-12, 1e-8]).astype(complex), (2, H, 1, 1))
+    phasors = replace(
+        exact_phasors(hz, z[:, 0, :1], z[:, 0, 1:]),
+        harmonics=z, harmonic_covariance=covariance, harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    prior = InertiaPrior.of(Inertia([M], [[M2]]), 2, 1)
+    noise = Noise(covariance, np.full(2, 1e6))
+    problem = make_problem(phasors, prior, layout, p, None, noise)
+    found = Residual.at(problem, p.vector)
+    assert np.abs(found.r[:, :5]).max() < 0.03 * coulomb
+    J = found.jacobian(problem.z)
+    for k in (0, 2, 3):  # far enough that the solution's tolerance of a millionth does not count
+        step = 1e-2 * p.vector[k] * np.eye(4)[k]
+        ahead, behind = (Residual.at(problem, p.vector + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        assert np.linalg.norm(J[..., k] - column) < 0.01 * np.linalg.norm(column), layout.labels[k]

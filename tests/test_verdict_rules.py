@@ -206,6 +206,9 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.02, 0.0, rounding=2.7e-3) == 0.02  # of both parts, √2 of it each
     assert change(0.02, 0.0, rounding=2.9e-3) == 0
     # The scatter of two periods is uncertain, however many samples estimate the noise elsewhere.
+    assert change(0.53, 0.1, periods=9.0) == 0.53  # from four degrees of freedom: 4.8 errors suffice
+    assert change(0.58, 0.1, periods=6.6) == 0  # from three they do not: 5.9 are needed
+    assert change(0.6, 0.1, periods=6.6) == 0.6
     assert change(0.4, 0.01, periods=4.3) == 0
     assert change(0.5, 0.01, periods=4.3) == 0.5
 
