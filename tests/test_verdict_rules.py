@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import fdtri
 
-from jointid import Inertia, MotionRecord
+from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.verdict import (
@@ -211,6 +211,18 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.6, 0.1, periods=6.6) == 0.6
     assert change(0.4, 0.01, periods=4.3) == 0
     assert change(0.5, 0.01, periods=4.3) == 0.5
+
+
+@pytest.mark.parametrize(("periods", "start"), [(6.9, None), (7.5, 1.0), (20.0, 1.0)])
+def test_a_start_leaves_five_periods_and_is_confirmed_by_the_next(
+    periods: float, start: float | None
+) -> None:
+    """A transient of less than a period: the first start after it, and one more, must be steady."""
+    time, rng = np.arange(int(200 * periods)) / 200, np.random.default_rng(1)
+    turn, noise = 2 * np.pi * time, 1e-4 * rng.standard_normal((2, time.size))
+    transient = 0.5 * np.exp(-6 * time) * np.sin(1.3 * turn + 1)
+    record = SineRecord(1.0, time, np.sin(turn) + transient + noise[0], np.cos(turn) + noise[1])
+    assert steady_state.steady_from(record) == start
 
 
 @pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
