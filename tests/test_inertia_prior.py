@@ -366,3 +366,42 @@ def test_a_common_unknown_of_arms_correlates_their_inertias() -> None:
     unknown = (common / own**2) @ change / (1 + (common / own) @ (common / own))
     moved = prior.gravities(prior.lower + change.reshape(2, 3)) - prior.gravity
     np.testing.assert_allclose(moved, unknown * np.stack([added / 2, added]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ([PARALLELOGRAM, 3.0], "expected an Inertia"),
+        (3.0, "expected an Inertia"),
+        ({PARALLELOGRAM}, "expected an Inertia"),
+        ([PARALLELOGRAM] * 3, "3 inertias for 2 records"),
+        ([PARALLELOGRAM, Inertia([1.0], [[1.0]])], "2 joints, the inertia has 1"),
+    ],
+)
+def test_inertias_are_those_of_the_records_and_joints(given: Any, told: str) -> None:
+    with pytest.raises(JointIdError, match=told):
+        InertiaPrior.of(given, 2, 2)
+
+
+@pytest.mark.parametrize("wrong", ["", "K", "M", "M2"])
+def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(wrong: str) -> None:
+    """Motors that move anyhow; a robot of a negative stiffness or inertia is none."""
+    rng = np.random.default_rng(3)
+    K, D, M, M2 = PAPER.K.copy(), PAPER.D, SERIAL.M.copy(), SERIAL.M2.copy()
+    if wrong == "K":
+        K[1] *= -1
+    if wrong == "M":
+        M[1] *= -1
+    if wrong == "M2":
+        M2 *= -1
+    hz = np.geomspace(3, 30, 12)
+    q = rng.standard_normal((12, 2)) + 1j * rng.standard_normal((12, 2))
+    tau = np.zeros((12, 2), complex)
+    for r, s in enumerate(2j * np.pi * hz):
+        gear = np.diag(K + s * D)
+        tau[r] = s**2 * M * q[r] + gear @ (q[r] - np.linalg.solve(s**2 * M2 + gear, gear @ q[r]))
+    found = without_inertias(exact_phasors(hz, q, tau), InertiaPrior.of(PARALLELOGRAM, 12, 2))
+    assert (found is None) == bool(wrong)
+    if found is not None:
+        for name, true in (("K", K), ("D", D), ("M", [M]), ("M2", [M2[np.tril_indices(2)]])):
+            np.testing.assert_allclose(found[name], true, rtol=1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from plants import PARALLELOGRAM, SERIAL, exact_phasors
 
-from jointid import Inertia
+from jointid import Inertia, JointIdError
 from jointid.arrays import Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import penalty, quadratic
@@ -265,3 +265,13 @@ def test_a_hardening_gear_with_friction_at_the_arm_leaves_no_residual() -> None:
         ahead, behind = (Residual.at(problem, p.vector + sign * step).r for sign in (1, -1))
         column = (ahead - behind) / (2 * step[k])
         assert np.linalg.norm(J[..., k] - column) < 0.01 * np.linalg.norm(column), layout.labels[k]
+
+
+def test_a_negative_stiffness_is_no_start() -> None:
+    layout, prior = ParameterLayout.of(n), InertiaPrior.of(SERIAL, 1, n)
+    phasors = exact_phasors(HZ[:1], np.ones((1, n)), np.ones((1, n)))
+    noise = Noise(phasors.harmonic_covariance, np.full(1, 9.0))
+    for K in ([43.0, -7.5], [43.0, 0.0]):
+        start = layout.named(layout.pack(K=K, D=[0.1, 0.1]))
+        with pytest.raises(JointIdError, match="K2 is negative by least squares"):
+            make_problem(phasors, prior, layout, start, None, noise)
