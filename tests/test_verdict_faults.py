@@ -153,9 +153,14 @@ def test_a_score_does_not_depend_on_the_units_of_torque_and_time(torque: float, 
         own = exact_phasors(phasors.omega / (2 * np.pi * of_time), z[:, :2], z[:, 2:], noise, 1e3)
         scorer = Scorer.of(own, [Inertia(mass * SERIAL.M, mass * SERIAL.M2)] * own.omega.size)
         rates = (of_time if kind == VELOCITY else 1.0 for kind in kinds)
-        tried = [Hypothesis.of(kind, np.full(2, rate), np.ones(2)) for kind, rate in zip(kinds, rates, strict=True)]
+        tried = [
+            Hypothesis.of(kind, np.full(2, rate), np.ones(2))
+            for kind, rate in zip(kinds, rates, strict=True)
+        ]
         scores = scorer.scores(tried)
-        found.append([scores.K / of_torque, scores.D / (of_torque * of_time), scores.misfit, scores.cost])
+        found.append(
+            [scores.K / of_torque, scores.D / (of_torque * of_time), scores.misfit, scores.cost]
+        )
     for plain, other in zip(*found, strict=True):
         np.testing.assert_allclose(other, plain, rtol=1e-6)
 
