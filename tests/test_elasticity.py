@@ -43,8 +43,8 @@ from jointid import (
 from jointid.estimation import elasticity as elasticity_module
 from jointid.estimation.elasticity import likelihood_fit, undetermined
 from jointid.estimation.estimators.held_torque import HeldTorque
-from jointid.estimation.estimators.joint_equations import SpringEquations
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import SpringEquations
 from jointid.estimation.estimators.linear_fit import (
     explicit,
     least_squares,
@@ -309,7 +309,7 @@ def test_equations_of_the_robot_leave_what_noise_makes() -> None:
     equations = spring_equations(phasors, SERIAL)
     K, D = PAPER.K, PAPER.D
     assert np.abs(equations.residual(K, D)).max() < 1e-8 * np.abs(equations.b).max()
-    wrong = K + [3.0, -1.0], D - [0.01, 0.02]
+    wrong = PAPER.K * [1.1, 0.9], PAPER.D * [0.9, 0.8]
     of_signals = (equations.residual_gain(*wrong) @ phasors.z[..., None])[..., 0]
     np.testing.assert_allclose(equations.residual(*wrong), of_signals, rtol=1e-9)
     none = np.zeros_like(equations.noise.covariance)

@@ -320,8 +320,9 @@ def test_motors_and_arms_of_each_record_have_the_fitted_parameters() -> None:
     values: dict[str, Any] = {
         "K": [50.0, 9.0], "D": [0.1, 0.2], "coulomb": [0.3, 0.4], "viscous": [0.01, 0.02], "delay": 1e-3,
         "curve": [[0.05, 0.02], [0.1, -0.3]], "arm_viscous": [0.5, 0.6], "arm_coulomb": [0.7, 0.8],
-        "lag": [2e-4, 3e-4], "load": [0.1, 0.05], "motor_presliding": [0.01, 0.03], "gravity": [4.0, 5.0],
-        "M": [[1.5, 2.5]], "M2": [[5.0, 1.2, 8.0], [15.0, 0.2, 2.0]], "torque_scale": [1.1, 0.9],
+        "lag": [2e-4, 3e-4], "load": [0.1, 0.05], "motor_presliding": [0.01, 0.03],
+        "gravity": [4.0, 5.0], "M": [[1.5, 2.5]], "M2": [[5.0, 1.2, 8.0], [15.0, 0.2, 2.0]],
+        "torque_scale": [1.1, 0.9],
     }  # fmt: skip
     p = layout.named(layout.pack(**values))
     phasors: Any = SimpleNamespace(

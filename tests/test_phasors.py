@@ -364,13 +364,13 @@ def test_samples_over_a_period_are_sums_of_waves_and_phasors_their_integrals(
     np.testing.assert_allclose(samples, (y @ turn).imag, atol=1e-11)
     found = phasors_of(samples + 3.0, H)
     np.testing.assert_allclose(found, 2j / points * (samples @ turn.conj().T), atol=1e-11)
-    if H < points / 2:
+    if points > 2 * H:
         np.testing.assert_allclose(found, y, atol=1e-11)
     np.testing.assert_allclose(waves_at(np.arange(points) / points, H), turn.conj(), atol=1e-11)
 
 
 def test_a_change_is_that_of_the_first_quarter_to_the_second_half() -> None:
-    """From 3 to the mean of 0 and 2; its variance is that of the latter, 4/3, over 2 and over 4 blocks."""
+    """From 3 to the mean of 0 and 2; its variance is 4/3, that of these, over 2 and over 4."""
     local = np.array([3, 3, 100, -100, 0, 2, 0, 2])[:, None] * np.array([1, 1j])
     change, error = settling_change(local)
     assert change == pytest.approx([2, 2])

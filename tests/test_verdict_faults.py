@@ -748,6 +748,27 @@ def test_a_correction_leaves_three_times_the_residual_without_the_record(
     assert (None if found is None else (found[0], found[1].title)) == (title and (1, title))
 
 
+@pytest.mark.parametrize(
+    ("best", "second", "told"),
+    [(1.99e4, 2.01e5, True), (2.01e4, 9e5, False), (9.0, 1.99e5, False)],
+)
+def test_an_outlier_leaves_a_fiftieth_and_any_other_record_a_fifth_of_the_residual(
+    monkeypatch: pytest.MonkeyPatch, best: float, second: float, told: bool
+) -> None:
+    def scores(_: Any, use: Any = None) -> Any:
+        cost = np.array([1e6]) if use is None else np.array([1e6, second, 1e6, best, 1e6, 1e6])
+        return SimpleNamespace(cost=cost, misfit=cost, K=np.ones((6, 2)), D=np.ones((6, 2)))
+
+    right = SimpleNamespace(scores=lambda _: SimpleNamespace(cost=np.array([best])))
+    scorer: Any = SimpleNamespace(
+        as_logged=str, scores=scores, omega=np.ones(6), corrected=lambda *_: right
+    )
+    monkeypatch.setattr(rules_outlier, "_corrections", lambda *_: [np.array([1.0, 1.0, -1.0, -1.0])])
+    evidence: Any = SimpleNamespace(phasors=SimpleNamespace(omega=np.ones(6), labels="abcdef"))
+    found = rules_outlier._record_off(evidence, scorer)
+    assert (found is not None and found[0] == 3) == told
+
+
 @pytest.mark.parametrize(("free", "tried"), [(1, 17), (2, 17**2), (3, 1)])
 def test_ratios_of_up_to_two_joints_are_sought_on_a_grid(free: int, tried: int) -> None:
     """Within a factor of 1.27 each; of more joints, from those at low frequency."""
