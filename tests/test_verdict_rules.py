@@ -184,7 +184,12 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
 
 def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     def change(
-        settling: float, noise: float, z: float = 1.0, rounding: float = 0.0, periods: float = 201.0
+        settling: float,
+        noise: float,
+        z: float = 1.0,
+        rounding: float = 0.0,
+        periods: float = 201.0,
+        freedom: float = 200.0,
     ) -> float:
         phasors = case(
             settling=np.array([[settling, 0.0]]),
@@ -193,7 +198,7 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
             z=np.array([[z, 1.0]]),
             omega=np.array([2 * np.pi]),
             duration_s=np.array([periods]),
-            degrees_of_freedom=np.array([200.0]),
+            degrees_of_freedom=np.array([freedom]),
             by_frequency=lambda: [(1.0, np.array([0]))],
         )
         return float(steady_state.unsettled(phasors)[0])
@@ -213,6 +218,8 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.6, 0.1, periods=6.6) == 0.6
     assert change(0.4, 0.01, periods=4.3) == 0
     assert change(0.5, 0.01, periods=4.3) == 0.5
+    assert change(0.58, 0.1, freedom=6.0) == 0  # of seven blocks, alike
+    assert change(0.6, 0.1, freedom=6.0) == 0.6
 
 
 @pytest.mark.parametrize(("periods", "start"), [(6.9, None), (7.5, 1.0), (20.0, 1.0)])
