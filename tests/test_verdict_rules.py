@@ -220,6 +220,7 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.5, 0.01, periods=4.3) == 0.5
     assert change(0.58, 0.1, freedom=6.0) == 0  # of seven blocks, alike
     assert change(0.6, 0.1, freedom=6.0) == 0.6
+    assert change(0.58, 0.1, freedom=7.0) == 0
 
 
 @pytest.mark.parametrize(("periods", "start"), [(6.9, None), (7.5, 1.0), (20.0, 1.0)])
