@@ -277,9 +277,9 @@ def test_a_segment_has_eight_lines(lowest_hz: float, used: bool) -> None:
 
 def test_an_encoder_has_at_least_the_noise_of_its_step() -> None:
     """Its angle stands but for one step; the torque is exact to ten digits of its largest."""
-    theta, tau = np.zeros((1, 4000)), np.full((1, 4000), 3.0)
+    theta, tau = np.zeros((1, 4000)), 3 * np.exp(-(((np.arange(4000)[None] - 2000) / 300) ** 2))
     theta[0, 2000:] = 0.01
-    variance, _ = sensor_variances([part_of(theta, tau)], 4.0, np.array([1e-9]))
+    variance, _ = sensor_variances([part_of(theta, tau)], 4.0, np.array([1e-13]))
     np.testing.assert_allclose(variance, [0.01**2 / 12, (3e-10) ** 2], rtol=0.01)
 
 

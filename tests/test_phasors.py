@@ -390,3 +390,11 @@ def test_a_constant_velocity_is_superposed_from_a_hundredth_of_the_sine_on(
     phasors = Phasors(np.array([2.0, 2.0]), q, q, covariance, few, few, drift=drift)
     assert phasors.is_superposed == superposed
     assert not replace(phasors, q=0 * q, drift=0 * drift).is_superposed
+
+
+def test_series_are_the_first_records_of_every_frequency_then_the_second_ones() -> None:
+    hz = np.array([5.0, 3.0, 5.0, 7.0, 5.0 * (1 + 1e-10), 3.0])
+    q, none = np.ones((6, 1), complex), np.zeros((6, 2, 2), complex)
+    phasors = Phasors(2 * np.pi * hz, q, q, none, np.ones(6), np.ones(6))
+    assert [each.tolist() for each in phasors.series()] == [[1, 0, 3], [5, 2], [4]]
+    assert [group.tolist() for _, group in phasors.by_frequency()] == [[1, 5], [0, 2, 4], [3]]
