@@ -13,7 +13,7 @@ from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, scaled, steady_reco
 from random_cases import examples
 
 from jointid import JointIdError, SineRecord, extract_phasors
-from jointid.phasors.extract import Phasors, no_phasors
+from jointid.phasors.extract import Phasors, _visible, no_phasors
 from jointid.phasors.periods import phasors_of, samples_of, waves, waves_at
 from jointid.phasors.settling import settling_change
 
@@ -398,3 +398,16 @@ def test_series_are_the_first_records_of_every_frequency_then_the_second_ones() 
     phasors = Phasors(2 * np.pi * hz, q, q, none, np.ones(6), np.ones(6))
     assert [each.tolist() for each in phasors.series()] == [[1, 0, 3], [5, 2], [4]]
     assert [group.tolist() for _, group in phasors.by_frequency()] == [[1, 5], [0, 2, 4], [3]]
+
+
+@pytest.mark.parametrize(
+    ("third", "noise", "seen"),
+    [(5.9e-3, 1e-3, False), (6.1e-3, 1e-3, True), (0.9e-6, 1e-9, False), (1.1e-6, 1e-9, True)],
+)
+def test_a_harmonic_is_seen_at_six_errors_and_a_millionth_of_its_signal(
+    third: float, noise: float, seen: bool
+) -> None:
+    """A fundamental alone, however large, is none; signals of other sizes do not matter."""
+    harmonics = np.array([[1.0, 1e5], [0.0, 0.0], [third * 1j, 0.0]])
+    covariance = np.tile(np.diag([noise**2, 1e6]), (3, 1, 1)).astype(complex)
+    assert _visible(SimpleNamespace(harmonics=harmonics, covariance=covariance)) == seen  # type: ignore[arg-type]
