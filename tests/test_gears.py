@@ -68,6 +68,7 @@ from jointid.gears.law_regression import law_by_regression
 from jointid.gears.laws import GearLaws, nonlinear_laws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.motor_motion import each as by_pose
+from jointid.gears.torque_spread import periodic_dahl
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
@@ -240,6 +241,15 @@ def test_a_law_at_one_joint_is_a_law_of_all(gear: Gear) -> None:
     assert nonlinear_laws(K, None) is None
 
 
+def test_a_fitted_hysteresis_has_its_width_with_either_sign() -> None:
+    """A fit may pass zero, where there is no loop."""
+    level, none = np.array([[0.2, -0.2, 0.0]]), np.zeros((1, 3))
+    laws = GearLaws.made(none + 43.0, none, none, level, none + 0.01, (none, none), (none, none))
+    np.testing.assert_allclose(laws.sharpness, [[100.0, 100.0, 0.0]])
+    torque, _ = laws.wound(none, none, none + 0.01)
+    np.testing.assert_allclose(torque, level * (1 - np.exp(-1)))
+
+
 @pytest.mark.parametrize("share", [0.2, 0.7])
 def test_the_stiffness_in_a_sine_is_the_describing_function_of_the_law(share: float) -> None:
     """3/4 of the cubic torque; of an edge at a share x of the amplitude, (asin x + x √(1 − x²)) 2/π."""
@@ -259,6 +269,47 @@ def test_the_stiffness_in_a_sine_is_the_describing_function_of_the_law(share: fl
             assert found == pytest.approx([expected], rel=1e-5)
             larger = law_stiffness(Gear(K=K, **law).scaled(3.0), sign * delta)
             assert larger == pytest.approx([3 * expected], rel=1e-5)
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, DAHL], ids=lambda gear: gear.kind)
+def test_a_wound_gear_satisfies_its_equation_in_any_units(gear: Gear) -> None:
+    """δ = F − β g(δ), with g over many samples; a change of F moves it as the next solution says."""
+    H, m, rng = 15, 15, np.random.default_rng(6)
+    orders = np.arange(1 + H)
+    drive = 0.05 * (rng.standard_normal((2, 1, 1 + H)) + 1j * rng.standard_normal((2, 1, 1 + H)))
+    drive = drive / np.maximum(orders, 1) ** 3
+    compliance = np.broadcast_to(1 / (60.0 + 8j * orders), drive.shape).copy()
+    gear = replace(gear, K=43.0)
+    laws = GearLaws.of([gear])
+    found = WoundGears.solve(laws, drive, compliance, H, m)
+    fine = found.delta[..., 0].real[..., None] + samples_of(found.delta[..., 1:], 8192)
+    loop = periodic_dahl(fine, laws.sharpness) if gear.hysteresis_Nm else 0 * fine
+    beyond = gear.torque(fine) - 43.0 * fine + gear.hysteresis_Nm * loop
+    left = found.delta[..., 1:] - drive[..., 1:] + compliance[..., 1:] * phasors_of(beyond, H)
+    assert np.abs(left).max() < 5e-4 * np.abs(drive).max()
+    assert (
+        np.abs(beyond.mean(axis=2) + 43.0 * found.delta[..., 0].real).max() < 2e-3 * np.abs(beyond).max()
+    )
+
+    a, c = 7.0, 0.3  # units of angle and torque
+    other = replace(
+        gear, K=43.0 * c / a, cubic=gear.cubic * c / a**3, backlash_rad=a * gear.backlash_rad,
+        hysteresis_Nm=c * gear.hysteresis_Nm, presliding_rad=a * gear.presliding_rad,
+        K2=gear.K2 * c / a, K3=gear.K3 * c / a, T1_Nm=c * gear.T1_Nm, T2_Nm=c * gear.T2_Nm,
+    )  # fmt: skip
+    scaled = WoundGears.solve(GearLaws.of([other]), a * drive, compliance * a / c, H, m)
+    np.testing.assert_allclose(scaled.delta, a * found.delta, atol=1e-6 * np.abs(a * found.delta).max())
+    np.testing.assert_allclose(
+        scaled.beyond, c * found.beyond, atol=1e-5 * np.abs(c * found.beyond).max()
+    )
+
+    move = np.where(orders == 1, 1e-4j, 0.0) + np.where(orders == 3, 5e-5, 0.0) + 0 * drive
+    ahead, behind = (
+        WoundGears.solve(laws, drive + sign * move, compliance, H, m, found).beyond for sign in (1, -1)
+    )
+    expected = (ahead - behind) / 2
+    change = found.change(move[..., None], 0 * move[..., None])[..., 0]
+    assert np.linalg.norm(change - expected) < 0.07 * np.linalg.norm(expected)  # edges are averaged
 
 
 def test_impossible_gears_are_refused() -> None:
