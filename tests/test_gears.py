@@ -303,6 +303,8 @@ def test_a_wound_gear_satisfies_its_equation_in_any_units(gear: Gear) -> None:
         scaled.beyond, c * found.beyond, atol=1e-5 * np.abs(c * found.beyond).max()
     )
 
+    fewer = WoundGears.solve(laws, drive, compliance, H, 7, found)  # a start with more of them
+    np.testing.assert_allclose(fewer.delta, found.delta, atol=1e-4 * np.abs(found.delta).max())
     move = np.where(orders == 1, 1e-4j, 0.0) + np.where(orders == 3, 5e-5, 0.0) + 0 * drive
     ahead, behind = (
         WoundGears.solve(laws, drive + sign * move, compliance, H, m, found).beyond for sign in (1, -1)
@@ -316,6 +318,10 @@ def test_impossible_gears_are_refused() -> None:
     for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
         with pytest.raises(JointIdError):
             Gear(**wrong)
+    with pytest.raises(JointIdError, match="backlash_rad .* is -1: it must be finite and not negative"):
+        Gear(backlash_rad=-1.0)
+    with pytest.raises(JointIdError, match=r"cubic of a gear is inf: it must be finite\."):
+        Gear(cubic=np.inf)
     slopes = {"K": 2.0, "K2": 3.0, "K3": 4.0, "T1_Nm": 0.5, "T2_Nm": 0.5}
     assert Gear(**slopes).kind == "piecewise"
     for name, value in (("K3", 0.0), ("T1_Nm", 0.0), ("T1_Nm", 0.6)):
