@@ -318,7 +318,7 @@ def test_impossible_gears_are_refused() -> None:
     for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
         with pytest.raises(JointIdError):
             Gear(**wrong)
-    with pytest.raises(JointIdError, match="backlash_rad .* is -1: it must be finite and not negative"):
+    with pytest.raises(JointIdError, match=r"backlash_rad .* is -1: it must be finite and not negative"):
         Gear(backlash_rad=-1.0)
     with pytest.raises(JointIdError, match=r"cubic of a gear is inf: it must be finite\."):
         Gear(cubic=np.inf)
