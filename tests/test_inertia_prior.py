@@ -384,11 +384,15 @@ def test_inertias_are_those_of_the_records_and_joints(given: Any, told: str) -> 
         InertiaPrior.of(given, 2, 2)
 
 
-@pytest.mark.parametrize("wrong", ["", "K", "M", "M2"])
-def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(wrong: str) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "size"), [("", 1.0), ("", 1e4), ("", 1e-4), ("K", 1.0), ("M", 1.0), ("M2", 1.0)]
+)
+def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(
+    wrong: str, size: float
+) -> None:
     """Motors that move anyhow; a robot of a negative stiffness or inertia is none."""
     rng = np.random.default_rng(3)
-    K, D, M, M2 = PAPER.K.copy(), PAPER.D, SERIAL.M.copy(), SERIAL.M2.copy()
+    K, D, M, M2 = (size * each for each in (PAPER.K, PAPER.D, SERIAL.M, SERIAL.M2))
     if wrong == "K":
         K[1] *= -1
     if wrong == "M":

@@ -275,3 +275,20 @@ def test_a_negative_stiffness_is_no_start() -> None:
         start = layout.named(layout.pack(K=K, D=[0.1, 0.1]))
         with pytest.raises(JointIdError, match="K2 is negative by least squares"):
             make_problem(phasors, prior, layout, start, None, noise)
+
+
+def test_a_law_starts_at_shares_of_the_largest_deflection_and_of_a_cubic_law() -> None:
+    layout = ParameterLayout.of(n, effects=("piecewise", "hysteresis"))
+    unit = np.array([0.02, 0.05])
+    units = {"knee": unit, "second_knee": 2 * unit, "presliding": 3 * unit}
+    laws: Any = SimpleNamespace(motors=None, units=lambda p: units)
+    problem = replace(problem_of(())[0], layout=layout, laws=laws)
+    cubic = ParameterLayout.of(n, effects=["cubic"])
+    given = cubic.named(cubic.pack(K=[40.0, 10.0], D=[0.1, 0.2], cubic=[9e3, 100.0]))
+    found = layout.named(problem.start(given))
+    np.testing.assert_allclose(found["knee"], 0.35 * unit)
+    np.testing.assert_allclose(found["second_knee"], 0.7 * unit)
+    np.testing.assert_allclose(found["presliding"], 0.09 * unit)
+    rise = given["cubic"] * unit**2
+    np.testing.assert_allclose([found["piecewise"], found["second_bend"]], [0.73 * rise, 1.33 * rise])
+    np.testing.assert_array_equal([found.K, found.D], [given.K, given.D])
