@@ -410,3 +410,5 @@ def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(
     if found is not None:
         for name, true in (("K", K), ("D", D), ("M", [M]), ("M2", [M2[np.tril_indices(2)]])):
             np.testing.assert_allclose(found[name], true, rtol=1e-6)
+        drives = [Inertia(own * SERIAL.M, SERIAL.M2) for own in (1.0, 2.0)] * 6
+        assert without_inertias(exact_phasors(hz, q, tau), InertiaPrior.of(drives, 12, 2)) is None
