@@ -53,7 +53,6 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "background::a_call_whose_process_is_killed_is_repeated_in_another": (),
     "background::a_cancelled_call_returns_immediately": (),
     "background::another_estimator_uses_the_known_analysis": (),
-    "background::with_processes_one_computation_at_a_time_runs_here": (),
     "background::a_click_ends_a_watched_computation": (),
     "background::a_call_that_ends_its_process_twice_is_an_error": (),
     "background::the_first_sample_is_analysed_for_its_page": (),
