@@ -116,7 +116,7 @@ def positive_inverse(A: Floats) -> Floats:
     """
     seen, size, scaled = unit_diagonal(A)
     values, vectors = np.linalg.eigh(scaled)
-    least = _LEAST_EIGENVALUE * max(1, values.size)
+    least = _LEAST_EIGENVALUE * values.size
     inverted = np.diag(np.where(seen, 0.0, np.inf))
     inner = (vectors / np.maximum(values, least)) @ vectors.T
     inverted[np.ix_(seen, seen)] = inner / np.outer(size, size)

@@ -30,6 +30,18 @@ def test_a_motion_from_its_middle_slides_from_the_start() -> None:
     assert abs(resting[0]) < 0.05
 
 
+def test_loops_of_joints_do_not_depend_on_each_other_and_scale_with_their_presliding() -> None:
+    """From rest, slow and sliding starts of two parts."""
+    turn = 2 * np.pi * np.arange(400) / 130
+    delta = np.stack([np.cos(turn), 0.2 * np.sin(turn + 1.54), 3 * np.sin(turn)])
+    sharpness, starts = np.array([[4.0], [9.0], [0.5]]), np.isin(np.arange(400), [0, 1, 200, 201])
+    both = dahl(delta, sharpness, starts)
+    assert np.all(np.abs(both[:2, 0]) < 0.9)
+    for j in range(3):
+        alone = dahl(-7 * delta[j : j + 1], sharpness[j : j + 1] / 7, starts)
+        np.testing.assert_allclose(both[j], -alone[0], atol=1e-12)
+
+
 def test_the_derivatives_are_those_of_the_states() -> None:
     rng = np.random.default_rng(0)
     delta = np.cumsum(np.sin(np.arange(60) / 3 + rng.normal(0, 0.3, (2, 60))), axis=1)

@@ -43,7 +43,15 @@ from jointid import (
 from jointid.estimation import elasticity as elasticity_module
 from jointid.estimation.elasticity import likelihood_fit, undetermined
 from jointid.estimation.estimators.held_torque import HeldTorque
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import SpringEquations
+from jointid.estimation.estimators.linear_fit import (
+    explicit,
+    least_squares,
+    prior_covariance,
+    prior_slopes,
+    weighted,
+)
 from jointid.estimation.estimators.noise import Noise, moderated_noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 
@@ -293,6 +301,78 @@ def test_weighted_is_generalised_least_squares() -> None:
     expected = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ b)
     error = 0.02 * fit.standard_error  # the weights hang on the answer; the last pass moves it little
     assert np.all(np.abs(answer(fit) - expected) < error)
+
+
+def test_equations_of_the_robot_leave_what_noise_makes() -> None:
+    """Residuals by the matrix of the signals; none of a record without motion, which is refused."""
+    phasors = example()
+    equations = spring_equations(phasors, SERIAL)
+    K, D = PAPER.K, PAPER.D
+    assert np.abs(equations.residual(K, D)).max() < 1e-8 * np.abs(equations.b).max()
+    wrong = PAPER.K * [1.1, 0.9], PAPER.D * [0.9, 0.8]
+    of_signals = (equations.residual_gain(*wrong) @ phasors.z[..., None])[..., 0]
+    np.testing.assert_allclose(equations.residual(*wrong), of_signals, rtol=1e-9)
+    none = np.zeros_like(equations.noise.covariance)
+    still = replace(equations, noise=Noise(none, equations.noise.degrees_of_freedom))
+    with pytest.raises(JointIdError, match="The motor of joint 1 does not move in a record"):
+        still.residual_covariance(K, D)
+
+
+@pytest.mark.parametrize("method", LINEAR)
+def test_slopes_by_the_given_values_are_those_of_estimates_from_others(method: str) -> None:
+    """Each inertia in its poses, the coupling included, and each torque scale."""
+    phasors, poses = scattered(), [SERIAL] * 8 + [PARALLELOGRAM] * 6
+    of = {"weighted": weighted, "least-squares": least_squares, "explicit": explicit}[method]
+    noise = spring_equations(phasors, poses).noise
+    prior = InertiaPrior.of(poses, 14, 2, inertia_std=0.1, torque_std=0.02)
+    slopes, std = prior_slopes(method, phasors, prior, noise)
+    expected = []
+    for name, (mean, _) in prior.blocks().items():
+        for k in range(mean.size):
+            step = 1e-4 * np.where(np.arange(mean.size) == k, prior.units[name].ravel(), 0.0)
+            ends = []
+            for sign in (1, -1):
+                value = (mean.ravel() + sign * step).reshape(mean.shape)
+                M, M2 = prior.M, prior.M2
+                M, M2 = (value if name == "M" else M), (prior.totals(value) if name == "M2" else M2)
+                scale = value if name == "torque_scale" else np.ones(2)
+                scaled = replace(phasors, tau=phasors.tau * scale)
+                equations = spring_equations(scaled, prior.inertias(M, M2), noise=noise)
+                of_torque = np.concatenate([np.ones(2), scale])  # the noise of the log is scaled, too
+                equations = replace(
+                    equations,
+                    noise=replace(noise, covariance=noise.covariance * np.outer(of_torque, of_torque)),
+                    leakage=equations.leakage * np.outer(of_torque, of_torque),
+                )
+                ends.append(of(equations).elasticity)
+            expected.append((ends[0] - ends[1]) / (2 * step.sum()))
+    assert slopes.shape == (4, 10)
+    size = np.abs(slopes).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(slopes, np.transpose(expected), atol=2e-5 * size.max(), rtol=1e-3)
+    np.testing.assert_allclose(
+        prior_covariance(method, phasors, prior, noise), (slopes * std**2) @ slopes.T
+    )
+
+
+def test_only_weights_from_estimated_noise_cost_accuracy() -> None:
+    """Least squares have no weights: half the complex covariance, however well that is known."""
+    equations = spring_equations(scattered(), SERIAL)
+    few, many = (
+        replace(equations, noise=replace(equations.noise, degrees_of_freedom=np.full(14, freedom)))
+        for freedom in (9.0, 1e9)
+    )
+    for method in (least_squares, explicit):
+        known, guessed = method(many), method(few)
+        np.testing.assert_allclose(known.covariance, guessed.covariance, rtol=1e-9)
+        e = few.residual(*np.split(guessed.elasticity, 2))
+        V = few.residual_covariance(*np.split(guessed.elasticity, 2)) * 9 / 7
+        cost = np.einsum("ri,rij,rj->", e.conj(), np.linalg.inv(V), e).real
+        assert guessed.cost == pytest.approx(cost, rel=1e-9)
+    known, guessed = weighted(many), weighted(few)
+    ratio = np.diag(guessed.covariance) / np.diag(known.covariance)
+    assert np.all((ratio > 1.3) & (ratio < 81 / 48))
+    # Of 28 complex equations four real parameters take the share of two.
+    assert known.expected_cost == pytest.approx(26, rel=0.02)
 
 
 # Noise

@@ -65,9 +65,10 @@ from jointid.gears.driven_gears import DrivenGears, _loop
 from jointid.gears.gear import knees
 from jointid.gears.harmonic_balance import WoundGears, beyond_linear, law_stiffness
 from jointid.gears.law_regression import law_by_regression
-from jointid.gears.laws import GearLaws
+from jointid.gears.laws import GearLaws, nonlinear_laws
 from jointid.gears.motor_motion import MotorMotion
 from jointid.gears.motor_motion import each as by_pose
+from jointid.gears.torque_spread import periodic_dahl
 from jointid.gears.torsion_curve import torsion_curves
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.spectra import motion_phasors
@@ -216,10 +217,111 @@ def test_the_dominant_law_names_the_gear() -> None:
     assert Gear(K=43.0, loss_factor=0.1).laws == ("linear",)
 
 
+def test_the_secant_stiffness_is_that_at_the_torque_tried_without_the_backlash() -> None:
+    """K + cubic δ² of a hardening gear; of a gear of other torques, as many times as large."""
+    gear = Gear(K=43.0, cubic=9000.0, backlash_rad=0.004, tried_rad=0.032)
+    gear = replace(gear, tried_Nm=float(gear.torque(0.032)))
+    assert gear.secant_K == pytest.approx(43 + 9000 * 0.03**2)
+    assert gear.scaled(2.5).secant_K == pytest.approx(2.5 * gear.secant_K)
+    assert gear.backlash_share == pytest.approx(0.002 / 0.032)
+    at = np.linspace(-0.04, 0.04, 9)
+    whole = replace(gear, hysteresis_Nm=0.2, presliding_rad=0.01, K2=50.0, K3=60.0, T1_Nm=0.4, T2_Nm=0.9)
+    np.testing.assert_allclose(whole.scaled(2.5).torque(at), 2.5 * whole.torque(at))
+    assert whole.scaled(2.5).hysteresis_Nm == pytest.approx(0.5)
+    assert replace(gear, cubic=0.0, backlash_rad=0.0).secant_K == 43.0
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, DAHL], ids=lambda gear: gear.kind)
+def test_a_law_at_one_joint_is_a_law_of_all(gear: Gear) -> None:
+    K = np.array([43.0, 7.5])
+    laws = nonlinear_laws(K, [Gear(), gear], 2.0)
+    assert laws is not None
+    np.testing.assert_allclose(laws.K, 4 * K[:, None])
+    assert nonlinear_laws(K, [Gear(), Gear(loss_factor=0.1)]) is None
+    assert nonlinear_laws(K, None) is None
+
+
+def test_a_fitted_hysteresis_has_its_width_with_either_sign() -> None:
+    """A fit may pass zero, where there is no loop."""
+    level, none = np.array([[0.2, -0.2, 0.0]]), np.zeros((1, 3))
+    laws = GearLaws.made(none + 43.0, none, none, level, none + 0.01, (none, none), (none, none))
+    np.testing.assert_allclose(laws.sharpness, [[100.0, 100.0, 0.0]])
+    torque, _ = laws.wound(none, none, none + 0.01)
+    np.testing.assert_allclose(torque, level * (1 - np.exp(-1)))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7])
+def test_the_stiffness_in_a_sine_is_the_describing_function_of_the_law(share: float) -> None:
+    """3/4 of the cubic torque; of an edge at a share x of the amplitude, (asin x + x √(1 − x²)) 2/π."""
+    a, K = 0.03, 50.0
+    within = 2 / np.pi * (np.arcsin(share) + share * np.sqrt(1 - share**2))
+    second = 2 / np.pi * (np.arcsin(0.9) + 0.9 * np.sqrt(1 - 0.9**2))
+    first_Nm = K * share * a
+    slopes = {"K2": 80.0, "K3": 20.0, "T1_Nm": first_Nm, "T2_Nm": first_Nm + 80 * (0.9 - share) * a}
+    delta = a * np.sin(2 * np.pi * np.arange(1024) / 1024)[None]
+    for law, expected in (
+        ({"cubic": 3e4}, K + 0.75 * 3e4 * a**2),
+        ({"backlash_rad": 2 * share * a}, K * (1 - within)),
+        (slopes, K + 30 * (1 - within) - 60 * (1 - second)),
+    ):
+        for sign in (1, -1):
+            found = law_stiffness(Gear(K=K, **law), sign * delta)
+            assert found == pytest.approx([expected], rel=1e-5)
+            larger = law_stiffness(Gear(K=K, **law).scaled(3.0), sign * delta)
+            assert larger == pytest.approx([3 * expected], rel=1e-5)
+
+
+@pytest.mark.parametrize("gear", [HARD, PLAY, SLOPES, DAHL], ids=lambda gear: gear.kind)
+def test_a_wound_gear_satisfies_its_equation_in_any_units(gear: Gear) -> None:
+    """δ = F − β g(δ), with g over many samples; a change of F moves it as the next solution says."""
+    H, m, rng = 15, 15, np.random.default_rng(6)
+    orders = np.arange(1 + H)
+    drive = 0.05 * (rng.standard_normal((2, 1, 1 + H)) + 1j * rng.standard_normal((2, 1, 1 + H)))
+    drive = drive / np.maximum(orders, 1) ** 3
+    compliance = np.broadcast_to(1 / (60.0 + 8j * orders), drive.shape).copy()
+    gear = replace(gear, K=43.0)
+    laws = GearLaws.of([gear])
+    found = WoundGears.solve(laws, drive, compliance, H, m)
+    fine = found.delta[..., 0].real[..., None] + samples_of(found.delta[..., 1:], 8192)
+    loop = periodic_dahl(fine, laws.sharpness) if gear.hysteresis_Nm else 0 * fine
+    beyond = gear.torque(fine) - 43.0 * fine + gear.hysteresis_Nm * loop
+    left = found.delta[..., 1:] - drive[..., 1:] + compliance[..., 1:] * phasors_of(beyond, H)
+    assert np.abs(left).max() < 5e-4 * np.abs(drive).max()
+    assert (
+        np.abs(beyond.mean(axis=2) + 43.0 * found.delta[..., 0].real).max() < 2e-3 * np.abs(beyond).max()
+    )
+
+    a, c = 7.0, 0.3  # units of angle and torque
+    other = replace(
+        gear, K=43.0 * c / a, cubic=gear.cubic * c / a**3, backlash_rad=a * gear.backlash_rad,
+        hysteresis_Nm=c * gear.hysteresis_Nm, presliding_rad=a * gear.presliding_rad,
+        K2=gear.K2 * c / a, K3=gear.K3 * c / a, T1_Nm=c * gear.T1_Nm, T2_Nm=c * gear.T2_Nm,
+    )  # fmt: skip
+    scaled = WoundGears.solve(GearLaws.of([other]), a * drive, compliance * a / c, H, m)
+    np.testing.assert_allclose(scaled.delta, a * found.delta, atol=1e-6 * np.abs(a * found.delta).max())
+    np.testing.assert_allclose(
+        scaled.beyond, c * found.beyond, atol=1e-5 * np.abs(c * found.beyond).max()
+    )
+
+    fewer = WoundGears.solve(laws, drive, compliance, H, 7, found)  # a start with more of them
+    np.testing.assert_allclose(fewer.delta, found.delta, atol=1e-4 * np.abs(found.delta).max())
+    move = np.where(orders == 1, 1e-4j, 0.0) + np.where(orders == 3, 5e-5, 0.0) + 0 * drive
+    ahead, behind = (
+        WoundGears.solve(laws, drive + sign * move, compliance, H, m, found).beyond for sign in (1, -1)
+    )
+    expected = (ahead - behind) / 2
+    change = found.change(move[..., None], 0 * move[..., None])[..., 0]
+    assert np.linalg.norm(change - expected) < 0.07 * np.linalg.norm(expected)  # edges are averaged
+
+
 def test_impossible_gears_are_refused() -> None:
     for wrong in ({"backlash_rad": -1.0}, {"hysteresis_Nm": 1.0}, {"K2": 3.0}, {"cubic": np.nan}):
         with pytest.raises(JointIdError):
             Gear(**wrong)
+    with pytest.raises(JointIdError, match=r"backlash_rad .* is -1: it must be finite and not negative"):
+        Gear(backlash_rad=-1.0)
+    with pytest.raises(JointIdError, match=r"cubic of a gear is inf: it must be finite\."):
+        Gear(cubic=np.inf)
     slopes = {"K": 2.0, "K2": 3.0, "K3": 4.0, "T1_Nm": 0.5, "T2_Nm": 0.5}
     assert Gear(**slopes).kind == "piecewise"
     for name, value in (("K3", 0.0), ("T1_Nm", 0.0), ("T1_Nm", 0.6)):

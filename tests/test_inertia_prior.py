@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,7 @@ from random_cases import tries
 from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.estimation.estimators.linear_fit import without_inertias
+from jointid.estimation.estimators.parameters import ParameterLayout
 
 TRUTH = np.concatenate([PAPER.K, PAPER.D])
 SIGMA = np.array([1e-6, 1e-6, 2e-3, 1e-3])
@@ -305,3 +308,107 @@ def test_a_usual_link_is_as_flexible_as_its_mode_above_the_free_resonance() -> N
     )
     coupled = InertiaPrior.of(Inertia([1.0, 2.0], [[1.0, 0.8], [0.8, 1.0]]), 1, 2)
     np.testing.assert_allclose(coupled.link_inertia, 0.1)
+
+
+def test_motors_and_arms_of_each_record_have_the_fitted_parameters() -> None:
+    """Lags of a motion with the delay that it states, which the phasors of a sine hold already."""
+    prior = prior_of_two_poses()
+    effects = ("arm_viscous", "arm_coulomb", "lag", "load", "motor_presliding", "gravity")
+    layout = ParameterLayout.of(
+        2, friction=True, curve_parts=2, delay=True, effects=effects, rotors=1, arms=2, torque_scale=True
+    )
+    values: dict[str, Any] = {
+        "K": [50.0, 9.0], "D": [0.1, 0.2], "coulomb": [0.3, 0.4], "viscous": [0.01, 0.02], "delay": 1e-3,
+        "curve": [[0.05, 0.02], [0.1, -0.3]], "arm_viscous": [0.5, 0.6], "arm_coulomb": [0.7, 0.8],
+        "lag": [2e-4, 3e-4], "load": [0.1, 0.05], "motor_presliding": [0.01, 0.03],
+        "gravity": [4.0, 5.0], "M": [[1.5, 2.5]], "M2": [[5.0, 1.2, 8.0], [15.0, 0.2, 2.0]],
+        "torque_scale": [1.1, 0.9],
+    }  # fmt: skip
+    p = layout.named(layout.pack(**values))
+    phasors: Any = SimpleNamespace(
+        n=2, motion=np.array([False, True, True, False]), torque_delay_s=np.full(4, 5e-3)
+    )
+    motors = prior.motors(phasors, p)
+    for motor, stated in zip(motors, (0.0, 5e-3, 5e-3, 0.0), strict=True):
+        np.testing.assert_allclose(motor.M, [1.5, 2.5])
+        np.testing.assert_allclose(motor.coulomb, [0.31, 0.43])
+        np.testing.assert_allclose(motor.viscous, [0.01, 0.02])
+        np.testing.assert_allclose(motor.load, [0.1, 0.05])
+        np.testing.assert_allclose(motor.lag_s, stated + np.array([1.2e-3, 1.3e-3]))
+        np.testing.assert_allclose(motor.torque_scale, [1.1, 0.9])
+        np.testing.assert_allclose(motor.breakaway, [0.07, -0.2])
+    arms = prior.arms(p)
+    for arm, M2 in zip(arms, [[[5, 1.2], [1.2, 8]]] * 2 + [[[15, 0.2], [0.2, 2]]] * 2, strict=True):
+        np.testing.assert_allclose(arm.M2, M2)
+        np.testing.assert_allclose(arm.gravity, np.diag([4.0, 5.0]))
+        np.testing.assert_allclose([arm.K, arm.D], [values["K"], values["D"]])
+        np.testing.assert_allclose([arm.coulomb, arm.viscous], [[0.7, 0.8], [0.5, 0.6]])
+    given = p.without("M", "M2")
+    np.testing.assert_allclose(prior.motors(phasors, given)[0].M, [1.0, 2.0])
+    np.testing.assert_allclose(prior.arms(given)[3].M2, [[16.0, 0.12], [0.12, 1.0]])
+
+
+def test_a_common_unknown_of_arms_correlates_their_inertias() -> None:
+    """Its covariance is of rank one beside each element's own error; the information is the inverse."""
+    added = 0.1 * np.array([[4.0, 1.0], [1.0, 2.0]])
+    each = [
+        Inertia([1.0, 2.0], M2, shared=k * added, shared_gravity=k * added / 2)
+        for k, M2 in ((1, [[4.0, 1.0], [1.0, 9.0]]), (2, [[16.0, 0.12], [0.12, 1.0]]))
+    ]
+    prior = InertiaPrior.of(each, 2, 2, inertia_std=0.1)
+    common = np.array([0.4, 0.1, 0.2, 0.8, 0.2, 0.4])
+    own = 0.1 * np.array([4.0, 1.0, 9.0, 16.0, 0.4, 1.0])
+    covariance = np.diag(own**2) + np.outer(common, common)
+    np.testing.assert_allclose(prior.covariance("M2"), covariance)
+    np.testing.assert_allclose(prior.information("M2"), np.linalg.inv(covariance), rtol=1e-9)
+    np.testing.assert_allclose(prior.blocks()["M2"][1].ravel(), np.hypot(own, common))
+    # The most likely unknown of a change: generalised least squares with a prior of one.
+    change = np.random.default_rng(1).standard_normal(6)
+    unknown = (common / own**2) @ change / (1 + (common / own) @ (common / own))
+    moved = prior.gravities(prior.lower + change.reshape(2, 3)) - prior.gravity
+    np.testing.assert_allclose(moved, unknown * np.stack([added / 2, added]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ([PARALLELOGRAM, 3.0], "expected an Inertia"),
+        (3.0, "expected an Inertia"),
+        ({PARALLELOGRAM}, "expected an Inertia"),
+        ([PARALLELOGRAM] * 3, "3 inertias for 2 records"),
+        ([PARALLELOGRAM, Inertia([1.0], [[1.0]])], "2 joints, the inertia has 1"),
+    ],
+)
+def test_inertias_are_those_of_the_records_and_joints(given: Any, told: str) -> None:
+    with pytest.raises(JointIdError, match=told):
+        InertiaPrior.of(given, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "size"), [("", 1.0), ("", 1e4), ("", 1e-4), ("K", 1.0), ("M", 1.0), ("M2", 1.0)]
+)
+def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(
+    wrong: str, size: float
+) -> None:
+    """Motors that move anyhow; a robot of a negative stiffness or inertia is none."""
+    rng = np.random.default_rng(3)
+    K, D, M, M2 = (size * each for each in (PAPER.K, PAPER.D, SERIAL.M, SERIAL.M2))
+    if wrong == "K":
+        K[1] *= -1
+    if wrong == "M":
+        M[1] *= -1
+    if wrong == "M2":
+        M2 *= -1
+    hz = np.geomspace(3, 30, 12)
+    q = rng.standard_normal((12, 2)) + 1j * rng.standard_normal((12, 2))
+    tau = np.zeros((12, 2), complex)
+    for r, s in enumerate(2j * np.pi * hz):
+        gear = np.diag(K + s * D)
+        tau[r] = s**2 * M * q[r] + gear @ (q[r] - np.linalg.solve(s**2 * M2 + gear, gear @ q[r]))
+    found = without_inertias(exact_phasors(hz, q, tau), InertiaPrior.of(PARALLELOGRAM, 12, 2))
+    assert (found is None) == bool(wrong)
+    if found is not None:
+        for name, true in (("K", K), ("D", D), ("M", [M]), ("M2", [M2[np.tril_indices(2)]])):
+            np.testing.assert_allclose(found[name], true, rtol=1e-6)
+        drives = [Inertia(own * SERIAL.M, SERIAL.M2) for own in (1.0, 2.0)] * 6
+        assert without_inertias(exact_phasors(hz, q, tau), InertiaPrior.of(drives, 12, 2)) is None

@@ -631,6 +631,38 @@ def test_a_rival_model_widens_the_errors_by_its_weight(behind: float, weight: fl
     np.testing.assert_allclose(found, weight / (1 + weight) * np.outer(shift, shift), atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("gain", "stiffer", "parts", "widens"),
+    [
+        (4.0, 1.0, ("link",), True),
+        (3.9, 1.0, ("link",), False),
+        (2.0, 4.1, ("link",), True),
+        (1.9, 4.1, ("link",), False),
+        (2.0, 3.9, ("link",), False),
+        (9.0, 4.1, ("link", "gravity"), False),
+    ],
+)
+def test_a_fitted_part_widens_the_errors_if_it_may_be_real(
+    gain: float, stiffer: float, parts: tuple[str, ...], widens: bool
+) -> None:
+    """One part: of a chance of 1 : 200, or of 1 : 20 if it moves K by more than four errors."""
+    best, wider = Model(None, delay=False), Model(None, delay=False, effects=parts)
+    shift = np.array([stiffer, -0.02])
+
+    def estimate(size: int, cost: float, K_and_D: np.ndarray) -> SimpleNamespace:
+        return SimpleNamespace(
+            elasticity=K_and_D, elasticity_covariance=np.eye(2), misfit=4.0, p=np.zeros(size),
+            fundamental=(1.0, 10), whole_cost=lambda misfit: cost / misfit,
+        )  # fmt: skip
+
+    fitted = {best: estimate(2, 400.0, 0 * shift), wider: estimate(3, 400.0 - 4 * gain, shift)}
+    fits = SimpleNamespace(
+        estimate=fitted.get, tried=fitted, optional=(), criterion=lambda: {best: 0.0, wider: 99.0}
+    )
+    found = spread(fits, best, fitted[best], {})  # type: ignore[arg-type]
+    np.testing.assert_allclose(found, 0.5 * widens * np.outer(shift, shift), atol=1e-12)
+
+
 @pytest.mark.parametrize(("fall", "widens"), [(1.9, True), (2.1, False)])
 def test_a_part_that_the_fundamentals_do_not_ask_for_widens_the_errors(
     fall: float, widens: bool
@@ -832,11 +864,13 @@ def test_the_iteration_stays_where_parameters_are_possible() -> None:
 
 
 @pytest.mark.usefixtures("_in_a_valley")
-def test_a_model_that_does_not_explain_the_data_is_left_early() -> None:
+@pytest.mark.parametrize("rows", [4, 10_000])
+def test_a_model_that_does_not_explain_the_data_is_left_early(rows: int) -> None:
     """Steps that lower the cost by less than three per mille end it, in a row of three."""
     counts = []
     for rest in (0.0, 1e4):
         problem: Any = Valley([-9.0, -9.0], rest=rest)
+        problem.rows = rows
         minimised(problem, np.array([-1.0, 2.0]), np.ones(1), damping=1.0)
         counts.append(problem.evaluations)
     assert counts[1] <= 4 < counts[0]

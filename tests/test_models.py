@@ -17,6 +17,7 @@ from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_c
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.model_average import _fundamentals_are_alike, spread, spread_of_modes
+from jointid.estimation.model_growth import _RICHER, NARROWER
 from jointid.estimation.model_search import Search
 
 PLAIN = Model(None, delay=False)
@@ -154,6 +155,29 @@ def test_a_part_of_fourteen_errors_is_certain() -> None:
     fits = Fits((), ROWS, {delayed: estimate(delayed, delay=9.0, errors={"delay": 0.0})})
     assert not fits.is_certain(delayed, "delay")
     assert not fits.is_certain(PLAIN, "delay")
+
+
+@pytest.mark.parametrize(("coulomb", "found"), [(-6.9, True), (-7.1, False), (0.0, True), (9.0, True)])
+def test_friction_beside_presliding_must_not_be_negative_together(coulomb: float, found: bool) -> None:
+    """Presliding of 2 errors; each part is tested for itself."""
+    model = replace(RUBBING, effects=("motor_presliding",))
+    assert significant(model, "friction", coulomb=coulomb, motor_presliding=2.0) == found
+
+
+def test_richer_friction_is_wider_or_a_curve_and_ends() -> None:
+    """Reversals narrow step by step to the sharp one."""
+    for (reversal, curve), richer in _RICHER.items():
+        for wider, bent in richer:
+            assert (wider, bent) != (reversal, curve)
+            assert wider >= reversal
+            assert bent >= curve
+            assert wider in (0.0, *NARROWER)
+            assert (wider, bent) in _RICHER or (wider, bent) == (0.1, True)
+    assert {(reversal, curve) for reversal in (0.0, 0.03, 0.1) for curve in (False, True)} == {
+        *_RICHER, (0.1, True)
+    }  # fmt: skip
+    widths = sorted(NARROWER)
+    assert [NARROWER[width] for width in widths] == [0.0, *widths[:-1]]
 
 
 @pytest.mark.parametrize(("size", "found"), [(0.5, True), (0.03, False)])

@@ -24,7 +24,7 @@ from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms, _directions
 from jointid.motion.band import proposed_band
 from jointid.motion.complement import Complement, Waveforms
-from jointid.motion.end_terms import EndTerms, row_groups
+from jointid.motion.end_terms import EndTerms, motor_motion, row_groups
 from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import (
     _WIDTHS,
@@ -36,7 +36,7 @@ from jointid.motion.friction import (
     seen_angles,
     with_load,
 )
-from jointid.motion.noise import _non_negative, repeated_variances
+from jointid.motion.noise import _non_negative, repeated_variances, sensor_variances
 from jointid.motion.reversals import _polynomials, _stretches, _transforms
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectra import motion_phasors
@@ -151,6 +151,173 @@ def test_the_band_is_that_of_motion_and_torque_above_the_noise() -> None:
     assert high == pytest.approx(6, rel=0.12)
     silent = part_of(np.zeros((1, 4000)), tau)
     assert proposed_band([silent], np.full(2, noise**2)) == pytest.approx((5 / 40, 16))
+
+
+@pytest.mark.parametrize(
+    ("torque", "share", "seen"),
+    [(False, 27, False), (False, 33, True), (True, 29.6, False), (True, 30.4, True)],
+)
+def test_a_line_is_in_the_band_at_thirty_times_the_noise_over_half_a_hertz(
+    torque: bool, share: float, seen: bool
+) -> None:
+    """Of 40 s, half a hertz has 20 lines; the line of amplitude a has the power a² N / 4 of all."""
+    time, noise, amplitude = np.arange(4000) * T, 1e-4, np.sqrt(share * 20 / 1000)
+    line = noise * amplitude * np.sin(2 * np.pi * 12 * time)
+    faint = line + 1e-3 * sum(np.sin(2 * np.pi * f * time + f**2) for f in np.arange(2, 4, 0.05))
+    theta, tau = (300 * faint, faint) if torque else (faint, 300 * faint)
+    variance = np.array([noise, noise]) ** 2
+    low, high = proposed_band([part_of(theta[None], tau[None])], variance)
+    assert low == pytest.approx(2, rel=0.15)
+    assert high == pytest.approx(12 if seen else 4, rel=0.1)
+
+
+def test_an_empty_band_is_named_with_its_ends() -> None:
+    record = replace(logged(np.arange(300) * T), band_hz=(1.5, 2.5))
+    with pytest.raises(
+        JointIdError, match=r"record 1: the band of 1.5 to 2.5 Hz of the study holds too"
+    ):
+        motion_phasors([record], np.ones((1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("band", "count", "lowest", "highest"),
+    [
+        ((0.05, 20.0), 1, 1, 400),  # 4 cycles, as far as the record has them
+        ((0.45, 20.0), 2, 5, 200),
+        ((3.0, 20.0), 8, 8, 50),  # 2.5 s
+        ((3.0, 8.0), 4, 15, 40),  # 40 periods
+    ],
+)
+def test_segments_have_enough_periods_of_their_band(
+    band: tuple[float, float], count: int, lowest: int, highest: int
+) -> None:
+    """A stated band is used to its lowest line."""
+    time, rng = np.arange(2000) * T, np.random.default_rng(6)
+    theta = np.cumsum(np.cumsum(rng.standard_normal(2000))) * T**2
+    record = MotionRecord(time, theta, rng.standard_normal(2000), torque_hold=False, band_hz=band)
+    segments = [each for each in motion_phasors([record], np.ones((1, 1))).segments if each is not None]
+    assert [each.samples for each in segments] == [2000 // count] * count
+    assert {(each.lowest, each.highest) for each in segments} == {(lowest, highest)}
+    assert [each.begin for each in segments] == list(range(0, 2000, 2000 // count))
+
+
+def test_a_chosen_band_may_be_widened_and_limited() -> None:
+    """By a factor, if the samples allow it, and to no less than an octave."""
+    time, rng = np.arange(4000) * T, np.random.default_rng(7)
+    phases = [2 * np.pi * f * time + rng.uniform(0, 6) for f in np.arange(2.0, 6.0, 0.05)]
+    theta = np.sum([np.sin(phase) for phase in phases], axis=0) + 1e-6 * rng.standard_normal(4000)
+    record = MotionRecord(time, theta, np.gradient(np.gradient(theta, T), T), torque_hold=False)
+
+    def found(**changed: float) -> tuple[float, float, float]:
+        (segment, *_) = (s for s in motion_phasors([record], np.ones((1, 1)), **changed).segments if s)
+        return (
+            segment.lowest / segment.duration_s,
+            segment.highest / segment.duration_s,
+            segment.duration_s,
+        )
+
+    low, high, length = found()
+    assert (low, high) == pytest.approx((2, 6), rel=0.15)
+    assert length == pytest.approx(40 / high, rel=0.1)  # 40 periods
+    assert found(widened=1.5)[1] == pytest.approx(1.5 * high, rel=0.05)
+    assert found(widened=4.0)[1] == pytest.approx(high)  # beyond the samples
+    assert found(most_hz=5.0)[1] == pytest.approx(5, rel=0.05)
+    assert found(most_hz=3.0)[1] == pytest.approx(2 * low, rel=0.1)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_bins_of_a_motion_of_whole_periods_are_its_phasors(held: bool) -> None:
+    """Of 2.5 s, with the torque delayed at each line, and held: by the mean of its wave over a step."""
+    rng, N, H = np.random.default_rng(8), 250, 50
+    y = complex_noise(rng, H, 4)
+    time = np.arange(N) * T
+    wave = np.imag(np.exp(2j * np.pi * np.outer(time, np.arange(1, H + 1)) / 2.5) @ y)
+    record = MotionRecord(
+        time, wave[:, :2], wave[:, 2:], torque_hold=held, torque_delay_s=0.003, band_hz=(1.9, 20.1)
+    )
+    phasors = motion_phasors([record], np.ones((1, 2)))
+    (segment,) = phasors.segments
+    assert segment is not None
+    assert (segment.lowest, segment.highest, segment.samples) == (5, 50, N)
+    s = 2j * np.pi * np.arange(1, H + 1)[:, None] / 2.5
+    late = np.exp(-0.003 * s)
+    if held:
+        late = late * np.mean(np.exp(-s * T * (np.arange(2000) + 0.5) / 2000), axis=1)[:, None]
+    expected = y * np.hstack([np.ones((H, 2)), late, late])
+    expected[:4] = 0.0
+    np.testing.assert_allclose(phasors.harmonics[0], expected, atol=1e-6)
+    np.testing.assert_array_equal(phasors.z, phasors.harmonics[:, 0])
+    np.testing.assert_array_equal(phasors.covariance, phasors.harmonic_covariance[:, 0])
+    variance = np.einsum("hjj->hj", phasors.harmonic_covariance[0]).real
+    at_samples = np.hstack([segment.angle_variance, np.tile(segment.torque_variance, (H, 1))])
+    np.testing.assert_allclose(variance[:, :2], 4 / N * at_samples[:, :2])
+    np.testing.assert_allclose(variance[:, 2:], 4 / N * at_samples[:, 2:] * np.abs(late) ** 2, rtol=1e-6)
+    square = (wave[:, 2:] ** 2).mean(axis=0)
+    np.testing.assert_allclose(segment.least_torque_variance, 1e-10 * square)
+    np.testing.assert_allclose(
+        segment.torque_variance, np.maximum(segment.torque_variance, 9e-6 * square)
+    )
+    assert phasors.omega == pytest.approx(2 * np.pi / 2.5)
+    assert phasors.hold_s == pytest.approx(T * held)
+    assert (phasors.duration_s[0], phasors.torque_delay_s[0]) == pytest.approx((2.5, 0.003))
+
+
+@pytest.mark.parametrize(("lowest_hz", "used"), [(1.1, True), (1.3, False)])
+def test_a_segment_has_eight_lines(lowest_hz: float, used: bool) -> None:
+    """Of 2.5 s, from 1.2 or 1.6 Hz to 4 Hz."""
+    record = replace(logged(np.arange(250) * T), band_hz=(lowest_hz, 4.05))
+    if used:
+        (segment,) = motion_phasors([record], np.ones((1, 1))).segments
+        assert segment is not None
+        assert (segment.lowest, segment.highest) == (3, 10)
+    else:
+        with pytest.raises(JointIdError, match="holds too few lines"):
+            motion_phasors([record], np.ones((1, 1)))
+
+
+def test_an_encoder_has_at_least_the_noise_of_its_step() -> None:
+    """Its angle stands but for one step; the torque is exact to ten digits of its largest."""
+    theta, tau = np.zeros((1, 4000)), 3 * np.exp(-(((np.arange(4000)[None] - 2000) / 300) ** 2))
+    theta[0, 2000:] = 0.01
+    variance, _ = sensor_variances([part_of(theta, tau)], 4.0, np.array([1e-13]))
+    np.testing.assert_allclose(variance, [0.01**2 / 12, (3e-10) ** 2], rtol=0.01)
+
+
+def test_what_the_angle_leaves_is_no_noise_of_a_quiet_torque() -> None:
+    """Accelerations that no logged torque explains, as an encoder makes them at rest."""
+    rng, sigma = np.random.default_rng(4), 1e-3
+    bend = rng.standard_normal(6000)
+    bend -= np.polyval(np.polyfit(np.arange(6000), bend, 2), np.arange(6000))
+    theta = np.cumsum(np.cumsum(bend))[None] * T**2
+    variance, most = sensor_variances(
+        [part_of(theta, sigma * rng.standard_normal((1, 6000)))], 4.0, np.array([0.05])
+    )
+    assert sigma**2 < variance[1] < 1.6 * sigma**2
+    assert most[0] > 0.5 * 0.05**2  # which the records may decide otherwise
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_the_noise_of_angles_and_torques_is_told_apart_beyond_the_band(held: bool) -> None:
+    """White noise of both sensors of two joints, in two parts; of equal power near 22 Hz."""
+    rng, M = np.random.default_rng(9), np.array([0.01, 0.02])
+    of_angle, of_torque = np.array([1e-5, 2e-5]), np.array([2e-3, 5e-3])
+    parts = [
+        part_of(
+            of_angle[:, None] * rng.standard_normal((2, N)),
+            of_torque[:, None] * rng.standard_normal((2, N)),
+            held,
+        )
+        for N in (4000, 9000)
+    ]
+    variance, most = sensor_variances(parts, 4.0, M)
+    np.testing.assert_allclose(variance[:2], of_angle**2, rtol=0.15)
+    np.testing.assert_allclose(variance[2:], of_torque**2, rtol=0.15)
+    assert np.all((most > 1.05 * variance[2:]) & (most < 1.6 * variance[2:]))
+    scale = np.array([4.0, 0.5])  # other units of each joint's angle, with its inertia
+    other = [replace(part, theta=part.theta * scale[:, None]) for part in parts]
+    found, limit = sensor_variances(other, 4.0, M / scale)
+    np.testing.assert_allclose(found, variance * np.append(scale, [1, 1]) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(limit, most, rtol=1e-9)
 
 
 # --- friction
@@ -345,6 +512,27 @@ def test_bins_of_motions_share_misfits_in_bands_of_150_equations() -> None:
     np.testing.assert_array_equal(group[0], np.arange(200))
     np.testing.assert_array_equal(group[1], 200 + np.repeat(np.arange(2), 100))
     assert np.flatnonzero(of_fundamental).tolist() == [0, 200, 201]
+
+
+def test_the_acceleration_of_a_segment_is_s_times_its_velocity() -> None:
+    """In the lines of its band, of a motion that ends in rest; sines have none."""
+    N, step_s = 1000, 2e-3
+    k = np.arange(N)
+    velocity = np.sin(np.pi * k / N) ** 2 * np.sin(2 * np.pi * np.array([[40.0], [57.0]]) * k / N + 1)
+    segment = segment_of(velocity, 0 * velocity, step_s)
+    phasors: Any = SimpleNamespace(
+        motion=np.array([False, True]), segments=(None, segment), harmonics=np.zeros((2, 70, 4)), n=2
+    )
+    found = motor_motion(phasors)
+    assert found is not None
+    assert not found[:, 0].any()
+    s = 2j * np.pi * np.arange(1, 71)[:, None] / (N * step_s)
+    known = 2j / N * np.exp(-2j * np.pi * np.outer(np.arange(1, 71), k) / N) @ velocity.T
+    known[:4] = known[60:] = 0.0
+    np.testing.assert_allclose(found[0, 1], known, atol=1e-12)
+    np.testing.assert_allclose(found[1, 1], s * known, atol=1e-3)
+    phasors.motion[:] = False
+    assert motor_motion(phasors) is None
 
 
 # --- torques through gears, and noise, of a segment
@@ -732,6 +920,47 @@ def test_a_constant_velocity_is_exact_at_every_sample() -> None:
         assert np.all(noise < 1e-3)
 
 
+def test_the_velocity_of_a_motion_without_noise_is_its_derivative() -> None:
+    """Of 1010 samples, which are reflected to 1025; there are ten periods."""
+    time = np.arange(1010) * T
+    turn = 2 * np.pi * 10 / time[-1] * (time - time[-1])
+    angle = np.stack([np.sin(turn), 30 + 4 * time + 3 * np.sin(turn)])
+    velocity, noise, blur = smooth_velocity(angle, T, np.zeros(2))
+    rate = 2 * np.pi * 10 / time[-1]
+    expected = np.stack([rate * np.cos(turn), 4 + 3 * rate * np.cos(turn)])
+    np.testing.assert_allclose(velocity, expected, atol=2e-2)
+    np.testing.assert_allclose(velocity[:, :900], expected[:, :900], atol=2e-4)
+    assert not noise.any()
+    assert blur == pytest.approx([2 * T / np.pi**2] * 2, rel=0.01)  # of the highest frequency alone
+
+
+def test_velocities_of_joints_do_not_depend_on_each_other_and_scale_with_them() -> None:
+    rng = np.random.default_rng(3)
+    noise = np.array([1e-3, 3e-2])
+    angle = np.sin(np.arange(700) * T * np.array([[3.0], [8.0]])) + noise[:, None] * rng.standard_normal(
+        (2, 700)
+    )
+    both = smooth_velocity(angle, T, noise**2)
+    for j in range(2):
+        alone = smooth_velocity(8 * angle[j : j + 1], T, 64 * noise[j : j + 1] ** 2)
+        for found, own, unit in zip(both, alone, (8, 8, 1), strict=True):
+            np.testing.assert_allclose(unit * found[j], own[0], rtol=1e-9, atol=1e-9)
+
+
+def test_a_motor_at_rest_has_no_velocity_and_no_noise_of_it() -> None:
+    velocity, noise, blur = smooth_velocity(np.zeros((1, 200)), T, np.array([1e-6]))
+    assert not velocity.any()
+    assert not noise.any()
+    assert np.isfinite(blur).all()
+
+
+def test_the_noise_of_a_velocity_that_is_not_filtered_is_that_of_a_derivative() -> None:
+    """π σ / (√3 T) of angles up to half the sample rate."""
+    angle = np.random.default_rng(4).standard_normal((1, 2000))
+    _, noise, _ = smooth_velocity(angle, T, np.array([1e-8]))
+    assert noise == pytest.approx([1e-4 * np.pi / (np.sqrt(3) * T)], rel=0.01)
+
+
 @pytest.mark.parametrize(("least", "moves"), [(0.4, True), (0.6, False)])
 def test_the_direction_of_an_arm_is_a_square_wave_unless_it_rests(least: float, moves: bool) -> None:
     """Three periods of a sine: its odd multiples have 4/π over their order, with their phases."""
@@ -797,10 +1026,19 @@ def test_rounding_that_ten_periods_share_counts_nine_times_more(size: float) -> 
     exact = size * np.sin(phase)
     part: Any = SimpleNamespace(theta=np.stack([periodic, exact]))
     found = repeated_variances([part])
-    assert found[0] == pytest.approx(9 * step**2 / 12, rel=1e-6)
+    assert found[0] == pytest.approx(9 * step**2 / 12, rel=1e-6, abs=0)
     assert found[1] == 0
     alone = repeated_variances([SimpleNamespace(theta=drifting[None])])  # type: ignore[list-item]
     assert alone[0] < 0.5 * found[0]
+
+
+def test_rounding_that_periods_share_is_that_around_any_angle_and_of_a_slow_motion() -> None:
+    """An offset and a velocity of whole steps change nothing; 1400 samples in a period nor."""
+    k, step = np.arange(14_000), 2.0**-12
+    slow = np.rint(100 * np.sin(2 * np.pi * k / 1400)) * step
+    for drift in (0.0, 1.0, -3.0):
+        part: Any = SimpleNamespace(theta=slow[None] + step * (5000 + drift * k))
+        assert repeated_variances([part]) == pytest.approx([9 * step**2 / 12], rel=1e-6, abs=0)
 
 
 def test_rounding_of_a_fast_motion_is_white_and_that_of_a_slow_one_is_not() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants import BAND_HZ, PAPER, SERIAL, campaign, plant_phasors
+from plants import BAND_HZ, ONE, ONE_SPRING, PAPER, SERIAL, campaign, plant_phasors
 from scipy.special import digamma
 
 from jointid.estimation.estimators.noise import (
@@ -53,6 +53,30 @@ def test_a_further_variance_is_found_beside_known_ones() -> None:
     assert _further_variance(*np.zeros((4, 0))) == 0.0
 
 
+def test_a_further_variance_is_the_most_likely_one() -> None:
+    """Of exponential powers, each line with its share: the likelihood is flat there."""
+    rng = np.random.default_rng(8)
+    own, others = rng.uniform(0.2, 5, 300), rng.uniform(0, 9, 300)
+    power, share = (others + 2.0 * own) * rng.exponential(size=300), rng.uniform(0.1, 1, 300)
+    found = _further_variance(power, own, others, share)
+    variance = others + found * own
+    slope = share * own * (power - variance) / variance**2
+    assert abs(slope.sum()) < 1e-4 * np.abs(slope).sum()
+
+
+def test_noise_of_a_single_record_of_few_periods_has_no_correlation() -> None:
+    """There is no model of others to shrink towards: weights from so few degrees would be singular."""
+    base = plant_phasors(ONE, ONE_SPRING, np.array([8.0]), np.ones((1, 1)))
+    covariance = np.array([[[[4e-10, 1e-6j], [-1e-6j, 9e-3]]]])
+    for freedom, kept in ((3.0, 4.0), (3.1, 3.1)):
+        phasors = replace(base, harmonic_covariance=covariance, degrees_of_freedom=np.full(1, freedom))
+        M, arm = np.tile(ONE.M, (1, 1)), np.linalg.inv(ONE.M2)[None]
+        noise = moderated_noise(phasors, M, arm, ONE_SPRING.K, ONE_SPRING.D)
+        np.testing.assert_allclose(noise.degrees_of_freedom, kept)
+        np.testing.assert_allclose(np.diag(noise.covariance[0, 0]).real, [4e-10, 9e-3])
+        assert noise.covariance[0, 0, 0, 1] == pytest.approx(1e-6j * (freedom > 3), abs=1e-12)
+
+
 def test_noise_of_a_torque_is_seen_where_that_of_the_angle_is_small() -> None:
     """Of a held joint only the lowest lines show it; the others hid it: misfit 3.3 of perfect data."""
     rng = np.random.default_rng(5)
@@ -92,7 +116,9 @@ def test_variances_as_modelled_have_all_weight_on_the_model_and_others_none() ->
     wild = np.exp(9 * rng.standard_normal((400, 1)))
     assert _prior_degrees_of_freedom(wild, modelled, freedom) == (0.0, 1.0)
     few = np.ones((4, 1))
-    few[2:] = 0  # without noise
+    few[3:] = 0  # without noise
+    assert _prior_degrees_of_freedom(few, few, freedom[:4]) == (1000.0, 1.0)
+    few[2:] = 0
     assert _prior_degrees_of_freedom(few, few, freedom[:4]) == (0.0, 1.0)
 
 

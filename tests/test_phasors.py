@@ -13,8 +13,9 @@ from plants import BAND_HZ, PAPER, SERIAL, campaign, motion, scaled, steady_reco
 from random_cases import examples
 
 from jointid import JointIdError, SineRecord, extract_phasors
-from jointid.phasors.extract import Phasors, no_phasors
-from jointid.phasors.periods import waves
+from jointid.phasors.extract import Phasors, _visible, no_phasors
+from jointid.phasors.periods import phasors_of, samples_of, waves, waves_at
+from jointid.phasors.settling import settling_change
 
 
 def sine(
@@ -349,3 +350,64 @@ def test_sines_are_excited_at_their_fundamental_and_motions_in_every_bin() -> No
 
 def test_waves_begin_with_the_fundamental() -> None:
     np.testing.assert_allclose(waves(2, 4), [[1, 1j, -1, -1j], [1, -1, 1, -1]], atol=1e-15)
+
+
+@pytest.mark.parametrize(("H", "points"), [(3, 150), (60, 150), (60, 100)])
+def test_samples_over_a_period_are_sums_of_waves_and_phasors_their_integrals(
+    H: int, points: int
+) -> None:
+    """Of few harmonics, of many, and of more than the samples tell apart; equation (2) as a sum."""
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal((2, H)) + 1j * rng.standard_normal((2, H))
+    turn = np.exp(2j * np.pi * np.outer(np.arange(1, H + 1), np.arange(points)) / points)
+    samples = samples_of(y, points)
+    np.testing.assert_allclose(samples, (y @ turn).imag, atol=1e-11)
+    found = phasors_of(samples + 3.0, H)
+    np.testing.assert_allclose(found, 2j / points * (samples @ turn.conj().T), atol=1e-11)
+    if points > 2 * H:
+        np.testing.assert_allclose(found, y, atol=1e-11)
+    np.testing.assert_allclose(waves_at(np.arange(points) / points, H), turn.conj(), atol=1e-11)
+
+
+def test_a_change_is_that_of_the_first_quarter_to_the_second_half() -> None:
+    """From 3 to the mean of 0 and 2; its variance is 4/3, that of these, over 2 and over 4."""
+    local = np.array([3, 3, 100, -100, 0, 2, 0, 2])[:, None] * np.array([1, 1j])
+    change, error = settling_change(local)
+    assert change == pytest.approx([2, 2])
+    assert error == pytest.approx([1, 1])
+    assert np.isnan(settling_change(local[:3])).all()
+    assert np.isfinite(settling_change(local[:4])).all()
+
+
+@pytest.mark.parametrize(("share", "superposed"), [(0.0099, False), (0.0101, True)])
+def test_a_constant_velocity_is_superposed_from_a_hundredth_of_the_sine_on(
+    share: float, superposed: bool
+) -> None:
+    """Of the joint's largest; a joint that stands still in all records has none."""
+    q = np.array([[0.1, 0.0], [0.3, 0.0]], complex)
+    covariance, few = np.zeros((2, 4, 4), complex), np.ones(2)
+    drift = np.array([[-share * 2 * 0.3, 0.0], [0.0, 0.0]])
+    phasors = Phasors(np.array([2.0, 2.0]), q, q, covariance, few, few, drift=drift)
+    assert phasors.is_superposed == superposed
+    assert not replace(phasors, q=0 * q, drift=0 * drift).is_superposed
+
+
+def test_series_are_the_first_records_of_every_frequency_then_the_second_ones() -> None:
+    hz = np.array([5.0, 3.0, 5.0, 7.0, 5.0 * (1 + 1e-10), 3.0])
+    q, none = np.ones((6, 1), complex), np.zeros((6, 2, 2), complex)
+    phasors = Phasors(2 * np.pi * hz, q, q, none, np.ones(6), np.ones(6))
+    assert [each.tolist() for each in phasors.series()] == [[1, 0, 3], [5, 2], [4]]
+    assert [group.tolist() for _, group in phasors.by_frequency()] == [[1, 5], [0, 2, 4], [3]]
+
+
+@pytest.mark.parametrize(
+    ("third", "noise", "seen"),
+    [(5.9e-3, 1e-3, False), (6.1e-3, 1e-3, True), (0.9e-6, 1e-9, False), (1.1e-6, 1e-9, True)],
+)
+def test_a_harmonic_is_seen_at_six_errors_and_a_millionth_of_its_signal(
+    third: float, noise: float, seen: bool
+) -> None:
+    """A fundamental alone, however large, is none; signals of other sizes do not matter."""
+    harmonics = np.array([[1.0, 1e5], [0.0, 0.0], [third * 1j, 0.0]])
+    covariance = np.tile(np.diag([noise**2, 1e6]), (3, 1, 1)).astype(complex)
+    assert _visible(SimpleNamespace(harmonics=harmonics, covariance=covariance)) == seen  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ import pytest
 from jointid import JointIdError
 from jointid.estimation import model_selection, motion_noise
 from jointid.estimation.candidates import Model
-from jointid.estimation.estimators.score_tests import _RIDGE, _further_step
+from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
 from jointid.estimation.model_average import _squares_by_orders
 from jointid.estimation.model_growth import _clear_parts
 from jointid.estimation.motion_noise import _fit_from
@@ -196,6 +196,12 @@ def test_a_step_against_further_parameters_is_that_of_all_together() -> None:
     assert gain == pytest.approx(of_all - of_base, rel=1e-6)
     np.testing.assert_allclose(inner @ through, normal[np.ix_(base, own)])
     np.testing.assert_allclose(np.linalg.inv(left), np.linalg.inv(normal)[np.ix_(own, own)], rtol=1e-6)
+
+
+def test_a_score_is_penalised_by_half_of_schwarz_s_penalty() -> None:
+    none = np.zeros(2)
+    score = Score(10.0, 2, (0.0, none), none, none, none, none)
+    assert score.penalised(100) == pytest.approx(10 - np.log(100))
 
 
 def test_a_parameter_like_the_others_takes_a_finite_step() -> None:

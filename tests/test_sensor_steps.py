@@ -21,6 +21,7 @@ from jointid.phasors.sensor_steps import (
     quantum,
     rounded_variance,
     sharing,
+    step_variance,
     unresolved_variance,
 )
 
@@ -284,10 +285,85 @@ def test_an_angle_at_rest_is_unknown_within_a_disc_of_half_a_step() -> None:
     np.testing.assert_allclose(variance, [[0, 0, 0], [0.1**2 / 8, 0, 0], [0, 0, 0]], atol=1e-12)
 
 
-def test_a_joint_that_begins_at_rest_shows_the_step_later() -> None:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_that_begins_at_rest_shows_the_step_later(sign: float) -> None:
     """A sine that reaches the next step in two short peaks; its phasor may be off by some of it."""
     time = np.arange(4000) * 5e-4
     log = np.zeros(4000)
-    log[[700, 2100]] = 1.0
+    log[[700, 2100]] = sign
     phasors = extract_phasors([SineRecord(5.0, time, log, np.sin(2 * np.pi * 5 * time))])
     assert phasors.covariance[0, 0, 0].real > 0.05
+
+
+def known_fit(record: SineRecord, size: float, step: float, noise: float = 0.0) -> Any:
+    """The first three harmonics of a sine of some steps, with noise of a variance in steps squared."""
+    covariance = noise * 4 / record.samples * step**2 * np.eye(2) * np.ones((3, 1, 1))
+    harmonics = np.array([[size * step, 1.0], [0, 0], [0, 0]], complex)
+    return SimpleNamespace(
+        harmonics=harmonics, covariance=covariance, offset=np.zeros(2), drift=np.zeros(2)
+    )
+
+
+@pytest.mark.parametrize("step", [0.125, 8.0])
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+@pytest.mark.parametrize("size", [1.0, 1.8, 7.0])
+def test_turning_points_leave_the_mean_square_of_the_bessel_functions(
+    size: float, noise: float, step: float
+) -> None:
+    """2 ζ(3)/π⁴ over the amplitude on odd harmonics; noise σ in steps dithers it by exp(−4π²σ²)."""
+    time = np.arange(20_000) / 6.156789
+    log = step * np.rint(size * np.sin(2 * np.pi * time))
+    record = SineRecord(1.0, time, log, np.cos(2 * np.pi * time))
+    fit = known_fit(record, size, step, noise + 1 / 12 if noise else 0.0)
+    found = step_variance(record, fit).sum(axis=0)
+    zeta = np.sum(1 / np.arange(1.0, 2000) ** 3)
+    expected = 2 * zeta / np.pi**4 / size * np.exp(-4 * np.pi**2 * noise)
+    assert found[::2, 0] / step**2 == pytest.approx([expected, expected], rel=1e-3)
+    assert found[1, 0] < 0.4 * found[0, 0]  # only what averages over many samples
+    assert not found[:, 1].any()
+
+
+@pytest.mark.parametrize(("size", "unknown"), [(0.49, True), (0.51, False)])
+@pytest.mark.parametrize("step", [0.125, 8.0])
+def test_a_signal_of_two_levels_has_an_unknown_amplitude(
+    size: float, unknown: bool, step: float
+) -> None:
+    """Variance 1/16 of a squared step, besides that of rounding; with three levels it does not."""
+    time = np.arange(4000) / 61.56789
+    wave = np.sin(2 * np.pi * time)
+    for levels in (2, 3):
+        log = step * np.where(wave > 0.9, 1.0, np.where(wave < -0.9, 2 - levels, 0.0))
+        record = SineRecord(1.0, time, log + 0.0, wave)
+        fit = known_fit(record, size, step, 1.0)  # of so much noise that rounding adds nothing
+        found = step_variance(record, fit)[:, :, 0] / step**2
+        if levels == 2 and unknown:
+            assert found[1, 0] == pytest.approx(1 / 16)
+        else:
+            assert found[1, 0] < 1 / 50
+
+
+def test_a_ramp_counts_by_its_integral_with_the_wave() -> None:
+    """A signal that crosses six steps of 40 samples, against waves of 100 samples and shorter."""
+    _, share = _runs(np.repeat(np.arange(8.0), 40), 100.0, 5)
+    x = (
+        np.arange(4000) + 0.5
+    ) / 4000 - 0.5  # error of a ramp, in steps; that of a rest is its mean square
+    waves = np.exp(2j * np.pi * np.outer(np.arange(1, 6), x) * 40 / 100)
+    ramp, rest = (np.abs(np.mean(waves * error, axis=1)) ** 2 * 12 for error in (x, 12**-0.5))
+    np.testing.assert_allclose(share, (6 * (1 + 40**2 * ramp) + 2 * 40**2 * rest) / 320, rtol=1e-5)
+
+
+def test_rests_of_a_motion_add_their_spectrum_to_white_rounding() -> None:
+    """Rests of 400 and 51 samples in 1000; one of 49 is shorter than half a period of harmonic 10."""
+    signal = np.concatenate([np.zeros(400), np.arange(1, 499), np.full(51, 499.0), np.arange(500, 502)])
+    signal = np.append(signal, np.full(49, 502.0))
+    h, step = np.arange(1, 11), 0.25
+    gain = 1.5 / 1000 * sum((n * np.sinc(h * n / 1000)) ** 2 for n in (400, 51))
+    white = step**2 / 12
+    np.testing.assert_allclose(rounded_variance(step * signal, step, white, 10), white * (1 + gain))
+    dithered = rounded_variance(step * signal, step, white + 0.02 * step**2, 10)
+    expected = 0.02 * step**2 + white * (1 + gain * np.exp(-4 * np.pi**2 * 0.02))
+    np.testing.assert_allclose(dithered, expected)
+    # A variance below that of rounding, or no steps: nothing to add.
+    np.testing.assert_array_equal(rounded_variance(signal, 1.0, 0.05, 3), 0.05)
+    np.testing.assert_array_equal(rounded_variance(signal, 0.0, 0.05, 3), 0.05)

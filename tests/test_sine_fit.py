@@ -11,10 +11,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from random_cases import examples
 
-from jointid import SineRecord
+from jointid import JointIdError, SineRecord
 from jointid.phasors.direct_fit import _free_lines, fit_directly
 from jointid.phasors.fitted_sine import Window
-from jointid.phasors.sine_fit import fit_sines, is_uniform
+from jointid.phasors.sine_fit import _layout, fit_sines, is_uniform
 
 
 def reference(record: SineRecord, harmonics: int) -> tuple[np.ndarray, np.ndarray]:
@@ -282,3 +282,42 @@ def test_the_noise_of_one_period_with_harmonics_is_that_of_the_residual() -> Non
     expected = (spread[:7] + spread[7:14])[:, None, None] * (left.T @ left) / 184
     np.testing.assert_allclose(fit.covariance, expected, rtol=1e-6, atol=1e-12)
     assert fit.degrees_of_freedom == 184
+
+
+def test_eight_samples_are_enough_and_seven_are_not() -> None:
+    record = SineRecord(1.0, np.arange(8) / 8, np.sin(np.arange(8)), np.cos(np.arange(8)))
+    assert np.isfinite(fit_sines([record])[0].covariance).all()
+    with pytest.raises(JointIdError, match=r"A record has 7 usable samples; .* needs 8"):
+        fit_sines([SineRecord(1.0, np.arange(7) / 7, np.arange(7) % 3, np.arange(7) % 2)])
+
+
+@pytest.mark.parametrize(
+    ("samples", "period", "highest"),
+    [
+        (48, 20.0, 5), (47, 20.0, 4), (800, 20.1, 9), (800, 19.9, 8), (800, 3.0, 1), (79, 40.0, 1),
+        (80, 40.0, 9),
+    ],
+)  # fmt: skip
+def test_harmonics_are_below_half_the_rate_and_their_unknowns_a_quarter_of_the_samples(
+    samples: int, period: float, highest: int
+) -> None:
+    """2H + 2 of S/4, at most 0.45 per sample, and the first alone within two periods."""
+    assert _layout(samples, period, 31)[0] == highest
+    assert _layout(samples, period, 2)[0] == min(highest, 2)
+
+
+@pytest.mark.parametrize(
+    ("samples", "period", "block"),
+    [
+        (100_000, 10.25, 1025),
+        (4000, 40.5, 243),
+        (1700, 100.0, 100),
+        (3300, 100.3, 201),
+        (700, 100.0, 100),
+    ],
+)
+def test_blocks_are_nearly_whole_periods_of_a_thousand_samples_or_of_a_sixteenth(
+    samples: int, period: float, block: int
+) -> None:
+    """Of 40.5 samples and 98 periods: six periods, of 243 samples."""
+    assert _layout(samples, period, 1)[1] == block

@@ -22,6 +22,7 @@ from jointid.estimation.model_growth import _is_passed_over
 from jointid.estimation.model_selection import _given_up
 from jointid.estimation.regression_start import regressed, regression_start
 from jointid.estimation.start_values import (
+    _largest_torque,
     at_resonances,
     by_motion,
     other_laws,
@@ -398,3 +399,18 @@ def test_a_joint_without_damping_starts_with_a_little() -> None:
     start = without_inertias(phasors, InertiaPrior.of(inertia, *phasors.q.shape))
     assert start is not None
     np.testing.assert_allclose(start.D, 0.005 * start.K / phasors.omega.max(), rtol=1e-9)
+
+
+def test_the_largest_torque_is_that_of_a_sine_or_of_all_lines_of_a_motion() -> None:
+    """Less the rotor's, which moves with s² q; each joint has its own largest record."""
+    harmonics = np.zeros((3, 2, 4), complex)
+    harmonics[0, 0], harmonics[0, 1] = [0.1, 0, 5.0, 4.0j], [0, 0, 99.0, 99.0]
+    harmonics[1, 0], harmonics[1, 1] = [0, 0, 3.0, 3.0], [0, 0.2j, 4.0j, 4.0]
+    harmonics[2, 0] = [0, 0, 1.0, 1.0]
+    phasors: Any = SimpleNamespace(
+        harmonics=harmonics, omega=np.array([2.0, 3.0, 1.0]), motion=np.array([False, True, True])
+    )
+    prior = InertiaPrior.of(Inertia([10.0, 0.5], np.eye(2)), 3, 2)
+    # Joint 1: 5 + 4·10·0.1 = 9. Joint 2: 3 and 4 + 36·0.5·0.2i.
+    found = _largest_torque(phasors, prior)
+    np.testing.assert_allclose(found, [9.0, np.sqrt(9 + 16 + 3.6**2)])

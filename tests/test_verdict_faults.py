@@ -140,6 +140,31 @@ def test_each_hypothesis_corrects_its_own_fault() -> None:
         assert scores.misfit[1] < 3 < 1000 < scores.misfit[0]
 
 
+@pytest.mark.parametrize(("torque", "time"), [(1e-4, 1.0), (1.0, 1e3), (3e5, 1e-2)])
+def test_a_score_does_not_depend_on_the_units_of_torque_and_time(torque: float, time: float) -> None:
+    """Of a very small robot, or a very fast one."""
+    phasors, unit = measured(), np.array([1.0, 1.0, torque, torque])
+    kinds = ("", "arm angle", "gear torque", VELOCITY)
+    found = []
+    for of_torque, of_time in ((1.0, 1.0), (torque, time)):
+        mass = of_torque * of_time**2
+        z = phasors.z * (unit if of_torque != 1.0 else 1.0)
+        noise = phasors.covariance * (np.outer(unit, unit) if of_torque != 1.0 else 1.0)
+        own = exact_phasors(phasors.omega / (2 * np.pi * of_time), z[:, :2], z[:, 2:], noise, 1e3)
+        scorer = Scorer.of(own, [Inertia(mass * SERIAL.M, mass * SERIAL.M2)] * own.omega.size)
+        rates = (of_time if kind == VELOCITY else 1.0 for kind in kinds)
+        tried = [
+            Hypothesis.of(kind, np.full(2, rate), np.ones(2))
+            for kind, rate in zip(kinds, rates, strict=True)
+        ]
+        scores = scorer.scores(tried)
+        found.append(
+            [scores.K / of_torque, scores.D / (of_torque * of_time), scores.misfit, scores.cost]
+        )
+    for plain, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, plain, rtol=1e-6)
+
+
 def test_inertias_of_reversed_and_exchanged_axes() -> None:
     order, flip = np.array([1, 0, 3, 2]), np.array([1.0, -1.0])
     found = replace(Hypothesis.of("exchanged", flip, flip), order=order).inertia(
@@ -721,6 +746,27 @@ def test_a_correction_leaves_three_times_the_residual_without_the_record(
     evidence: Any = SimpleNamespace(phasors=SimpleNamespace(omega=np.ones(count), labels="abcdef"))
     found = rules_outlier._record_off(evidence, scorer)
     assert (None if found is None else (found[0], found[1].title)) == (title and (1, title))
+
+
+@pytest.mark.parametrize(
+    ("best", "second", "told"),
+    [(1.99e4, 2.01e5, True), (2.01e4, 9e5, False), (9.0, 1.99e5, False)],
+)
+def test_an_outlier_leaves_a_fiftieth_and_any_other_record_a_fifth_of_the_residual(
+    monkeypatch: pytest.MonkeyPatch, best: float, second: float, told: bool
+) -> None:
+    def scores(_: Any, use: Any = None) -> Any:
+        cost = np.array([1e6]) if use is None else np.array([1e6, second, 1e6, best, 1e6, 1e6])
+        return SimpleNamespace(cost=cost, misfit=cost, K=np.ones((6, 2)), D=np.ones((6, 2)))
+
+    right = SimpleNamespace(scores=lambda _: SimpleNamespace(cost=np.array([best])))
+    scorer: Any = SimpleNamespace(
+        as_logged=str, scores=scores, omega=np.ones(6), corrected=lambda *_: right
+    )
+    monkeypatch.setattr(rules_outlier, "_corrections", lambda *_: [np.array([1.0, 1.0, -1.0, -1.0])])
+    evidence: Any = SimpleNamespace(phasors=SimpleNamespace(omega=np.ones(6), labels="abcdef"))
+    found = rules_outlier._record_off(evidence, scorer)
+    assert (found is not None and found[0] == 3) == told
 
 
 @pytest.mark.parametrize(("free", "tried"), [(1, 17), (2, 17**2), (3, 1)])

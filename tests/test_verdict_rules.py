@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import fdtri
 
-from jointid import Inertia, MotionRecord
+from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.verdict import (
@@ -184,7 +184,12 @@ def test_an_encoder_is_coarse_below_ten_steps_or_where_it_makes_half_of_the_nois
 
 def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     def change(
-        settling: float, noise: float, z: float = 1.0, rounding: float = 0.0, periods: float = 201.0
+        settling: float,
+        noise: float,
+        z: float = 1.0,
+        rounding: float = 0.0,
+        periods: float = 201.0,
+        freedom: float = 200.0,
     ) -> float:
         phasors = case(
             settling=np.array([[settling, 0.0]]),
@@ -193,7 +198,7 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
             z=np.array([[z, 1.0]]),
             omega=np.array([2 * np.pi]),
             duration_s=np.array([periods]),
-            degrees_of_freedom=np.array([200.0]),
+            degrees_of_freedom=np.array([freedom]),
             by_frequency=lambda: [(1.0, np.array([0]))],
         )
         return float(steady_state.unsettled(phasors)[0])
@@ -205,9 +210,29 @@ def test_a_change_above_one_per_cent_and_five_errors_is_settling() -> None:
     assert change(0.02, 0.0) == 0.02
     assert change(0.02, 0.0, rounding=2.7e-3) == 0.02  # of both parts, √2 of it each
     assert change(0.02, 0.0, rounding=2.9e-3) == 0
+    assert change(0.02, 0.0, z=2.0, rounding=5.4e-3) == 0.02  # relative to the phasor
+    assert change(0.02, 0.0, z=2.0, rounding=5.8e-3) == 0
     # The scatter of two periods is uncertain, however many samples estimate the noise elsewhere.
+    assert change(0.53, 0.1, periods=9.0) == 0.53  # from four degrees of freedom: 4.8 errors suffice
+    assert change(0.58, 0.1, periods=6.6) == 0  # from three they do not: 5.9 are needed
+    assert change(0.6, 0.1, periods=6.6) == 0.6
     assert change(0.4, 0.01, periods=4.3) == 0
     assert change(0.5, 0.01, periods=4.3) == 0.5
+    assert change(0.58, 0.1, freedom=6.0) == 0  # of seven blocks, alike
+    assert change(0.6, 0.1, freedom=6.0) == 0.6
+    assert change(0.58, 0.1, freedom=7.0) == 0
+
+
+@pytest.mark.parametrize(("periods", "start"), [(6.9, None), (7.5, 1.0), (20.0, 1.0)])
+def test_a_start_leaves_five_periods_and_is_confirmed_by_the_next(
+    periods: float, start: float | None
+) -> None:
+    """A transient of less than a period: the first start after it, and one more, must be steady."""
+    time, rng = np.arange(int(200 * periods)) / 200, np.random.default_rng(1)
+    turn, noise = 2 * np.pi * time, 1e-4 * rng.standard_normal((2, time.size))
+    transient = 0.5 * np.exp(-6 * time) * np.sin(1.3 * turn + 1)
+    record = SineRecord(1.0, time, np.sin(turn) + transient + noise[0], np.cos(turn) + noise[1])
+    assert steady_state.steady_from(record) == start
 
 
 @pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
@@ -1073,6 +1098,54 @@ def test_inertias_that_are_far_off_at_low_frequency_are_named(
     assert not list(rules_inertia._far_off(evidence_of))
     alone[0], fit.misfit = alone[1], 99.0
     assert not list(rules_inertia._far_off(evidence_of))
+
+
+@pytest.mark.parametrize(("least", "told"), [(4.1, True), (3.9, False)])
+def test_arms_behind_gears_of_two_and_more_may_have_inertias_of_the_other_side(
+    least: float, told: bool
+) -> None:
+    """Of both joints; one arm of a negative inertia is none."""
+    inertia = Inertia([0.1, 0.2], np.diag([5.0, 8.0]))
+    for own in ([5.0 / 9, 8.0 / least], [5.0 / 9, -1.0]):
+        tried = wrong_data._hypotheses(2, np.diag(inertia.M + own), [inertia])
+        found = [each.gear for each in tried if each.kind == "inertia"]
+        assert len(found) == (told and own[1] > 0)
+        assert all(gear == pytest.approx([3.0, np.sqrt(least)]) for gear in found)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e3])
+def test_inertias_far_off_are_named_of_robots_of_any_size(
+    monkeypatch: pytest.MonkeyPatch, size: float
+) -> None:
+    """A tenth of the joint's own of a small one is nearly nothing in kg·m²; a quarter is too much."""
+    monkeypatch.setattr(rules_inertia, "_explained_alone", lambda *_: False)
+    monkeypatch.setattr(rules_inertia, "_unexplained", lambda *_: 0.01)
+    fit = two_joints(misfit=1e4)
+    fit.phasors = case(select=lambda _: None)
+    inertia = Inertia(size * np.array([4.0, 0.04]), size * np.diag([6.0, 0.06]))
+    given = case(fit=fit, poses=("",), of_pose=lambda _: (np.array([0]), inertia))
+    for odd, small, large, joint in (
+        (0.019, 1.1, 1.0, 0), (0.019, 1.0, 1.25, 1), (0.019, 1.25, 1.1, 2), (0.021, 1.25, 1.1, 0),
+    ):  # fmt: skip
+        monkeypatch.setattr(rules_inertia, "distortion", lambda _, odd=odd: odd)
+        measured = size * np.diag([10 * large, 0.1 * small])
+        monkeypatch.setattr(rules_inertia, "low_frequency_inertia", lambda *_, m=measured: m)
+        found = list(rules_inertia._far_off(given))
+        assert len(found) == (joint > 0)
+        assert all(f"J_m{joint} + J_a{joint} = " in each.detail for each in found)
+
+
+@pytest.mark.parametrize(("unsigned", "told"), [(2, True), (1, False), (0, False)])
+def test_torques_without_a_sign_are_those_of_all_motions(
+    monkeypatch: pytest.MonkeyPatch, unsigned: int, told: bool
+) -> None:
+    monkeypatch.setattr(motion_findings, "share_at_rest", lambda _: np.array([0.0, 1.0]))
+    monkeypatch.setattr(motion_findings, "has_one_sign", lambda tau: bool(tau[0] < unsigned))
+    monkeypatch.setattr(motion_findings, "is_clipped", lambda _: False)
+    motions: Any = [case(label=f"m{k}", start=0, tau_Nm=np.full((9, 2), k + 0.5)) for k in range(2)]
+    found = list(motion_findings.damaged_torques(motions))
+    assert [each.title for each in found] == ["A logged torque has no sign"] * told
+    assert all("In 2 of 2 motions, no torque changes its sign: m0 and m1" in f.detail for f in found)
 
 
 def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:

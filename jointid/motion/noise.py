@@ -81,7 +81,7 @@ def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
 def _repeated_rounding(theta: Floats) -> float:
     N, step = theta.size, quantum(theta)
     ramp = np.arange(N) - 0.5 * (N - 1)
-    angle = theta - theta.mean() - ramp * (ramp @ theta / max(float(ramp @ ramp), 1.0))
+    angle = theta - theta.mean() - ramp * (ramp @ theta / (ramp @ ramp))
     if step == 0 or not angle.any():
         return 0.0
     lags = np.arange(N // 2)

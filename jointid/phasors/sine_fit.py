@@ -34,7 +34,7 @@ _HIGHEST = 0.45
 def fit_sines(records: Sequence[SineRecord], harmonics: int = 1) -> list[SineFit]:
     """Fit every record; uniform ones by the two-level transform, jittered or very short ones directly.
 
-    ``harmonics`` is the highest in the fit. Excluded are those at or above 0.45 of the sample rate, and
+    ``harmonics`` is the highest in the fit. Excluded are those above 0.45 of the sample rate, and
     those that would make more unknowns than a quarter of the samples. Raises JointIdError when a record
     has fewer than ``FEWEST_SAMPLES`` usable samples.
     """
