@@ -237,7 +237,7 @@ class Study:
             if self.robot_model is None:
                 raise JointIdError("pose_angles_rad is given without a robot_model: give both.")
             angles[name] = finite_array(f"angles of pose {name!r} (rad)", value, ndim=1)
-            if (turned := np.abs(angles[name]).max()) > _MOST_TURNED_RAD:
+            if (turned := np.abs(angles[name]).max(initial=0.0)) > _MOST_TURNED_RAD:
                 raise JointIdError(
                     f"A joint angle of pose {name!r} is {turned:.4g} rad, more than two turns: give "
                     "radians, not degrees, without whole turns."

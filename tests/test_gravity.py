@@ -146,6 +146,8 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
         )
     with pytest.raises(JointIdError, match=r"pose 'low' is .* rad, more than two turns: give radians"):
         replace(six_axes(), poses={}, pose_angles_rad={"low": np.degrees(POSES["low"])})
+    with pytest.raises(JointIdError, match=r"q has shape \(0,\)"):
+        replace(six_axes(), poses={}, pose_angles_rad={"low": np.zeros(0)})
 
 
 def test_friction_by_load_counts_the_mean_torque_of_a_sine() -> None:
