@@ -298,7 +298,8 @@ def _unexplained(phasors: Phasors, inertia: Floats) -> float:
     rows = phasors.by_frequency()[0][1]
     torque = phasors.tau[rows]
     left = torque + phasors.omega[rows, None] ** 2 * phasors.q[rows] @ inertia.T
-    return float(np.linalg.norm(left) / np.linalg.norm(torque))
+    size = float(np.linalg.norm(torque))
+    return float(np.linalg.norm(left)) / size if size > 0 else np.inf
 
 
 def _explained_alone(evidence: Evidence, index: np.ndarray, inertia: Inertia) -> bool:
