@@ -194,7 +194,7 @@ class Search:
             self.phasors.select(rows),
             self.prior.of_rows(rows),
             self.start,
-            Noise(noise.covariance[rows], noise.degrees_of_freedom[rows]),
+            noise.select(rows),
             self.base,
             Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
             self.first,

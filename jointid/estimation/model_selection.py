@@ -198,7 +198,7 @@ def _searched(search: Search) -> Choice:
     if search.is_lost and search.fits.least_misfit < _BETTER * before:
         climb_from_nearest(search, PROMISING)
     fit_laws(search)
-    if search.is_lost and not search.has_motions and search.gives_up_late():
+    if search.is_lost and search.gives_up_late():
         return _choice(search, search.fits.least())
     if search.is_lost and not search.explains_little:
         fit_complete(search)

@@ -4,10 +4,11 @@ Wrong inertias, friction and wrong units of all records affect every record. An 
 record without which the others fit well. A factor that corrects its angles or torques names its fault.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
@@ -49,8 +50,8 @@ _FAULTS: dict[tuple[int, float], Cause | None] = {(1, -1.0): None, (0, -1.0): No
 }
 """Cause of a known fault by signal, 0 for angles and 1 for torques, and scale; None of a sign."""
 
-_NEARLY, _STEPS = 100.0, (0.1, 0.02)
-"""Cost over the least up to which a factor is refined, and the relative steps of its inverse."""
+_NEARLY, _NEAR = 100.0, (0.5, 2.0)
+"""Cost over the least up to which a factor is refined, and the range of its change."""
 _CLEAR = 4.0
 """Amplitude of a torque over its noise below which there may be no sine."""
 _LOST, _EXPECTED, _MANY = 0.5, 0.1, 0.25
@@ -127,45 +128,48 @@ def _off_beside_others(
     evidence: Evidence, row: int, others: ElasticityFit, inertias: Sequence[Inertia], scorer: Scorer
 ) -> tuple[int, Finding] | None:
     """A record that contradicts the model of all others, which may have friction and further effects."""
-    phasors, p, n = evidence.phasors, others.parameters, evidence.phasors.n
+    phasors, p = evidence.phasors, others.parameters
     if any(effect in p.layout for effect in PERIODIC_EFFECTS):
         return None
-    noise = spring_equations(phasors, inertias).noise
+    noise, prior, one = spring_equations(phasors, inertias).noise, evidence.fit.prior, np.array([row])
+    logged, of_row, own = phasors.select(one), prior.of_rows(one), noise.select(one)
 
     def cost(scale: Floats) -> float:
         """Cost of the record, corrected, over the median of the others."""
-        scales: Floats = np.ones(phasors.z.shape)
-        scales[row] = scale
-        square = scales[:, None, :, None] * scales[:, None, None]
-        of_scaled = replace(noise, covariance=noise.covariance / square)
+        scaled = replace(own, covariance=own.covariance / np.outer(scale, scale))
         try:
-            costs = record_costs(corrected(phasors, scales), evidence.fit.prior, p, of_scaled)
+            found = float(record_costs(corrected(logged, scale[None]), of_row, p, scaled)[0])
         except (JointIdError, np.linalg.LinAlgError):
             return np.inf
-        return float(np.nan_to_num(costs[row] / np.median(np.delete(costs, row)), nan=np.inf))
+        return found / usual if np.isfinite(found) else np.inf
+
+    def refined(scale: Floats) -> Floats:
+        """The scale with the factor of the least cost."""
+
+        def by(inverse: float) -> Floats:
+            return np.asarray(np.where(scale == 1, 1.0, scale / inverse))
+
+        found = minimize_scalar(
+            lambda x: cost(by(x)), bounds=_NEAR, method="bounded", options={"xatol": 1e-4}
+        )
+        return by(float(found.x))
 
     with np.errstate(all="ignore"):
-        if cost(np.ones(2 * n)) < GOOD * phasors.omega.size:
+        try:
+            costs = record_costs(phasors, prior, p, noise)
+        except (JointIdError, np.linalg.LinAlgError):
+            return None
+        usual = float(np.median(np.delete(costs, row)))
+        if not costs[row] >= GOOD * costs.size * usual:
             return None
         scales = _corrections(scorer, row, others.K + 1j * phasors.omega[row] * others.D)
+        known = len(_FAULTS) * (phasors.n + 1)
         found = np.array([cost(scale) for scale in scales])
-        for k in np.flatnonzero(found < _NEARLY * found.min()):
-            if not any(factor in scales[k] for _, factor in _FAULTS):
-                scales[k], found[k] = _refined(scales[k], cost)
-    scale = scales[simplest(found)] if found.min() < GOOD else np.ones(2 * n)
+        for k in known + np.flatnonzero(found[known:] < _NEARLY * found.min()):
+            scales[k] = refined(scales[k])
+            found[k] = cost(scales[k])
+    scale = scales[simplest(found)] if found.min() < GOOD else np.ones(2 * phasors.n)
     return row, _contradicting(evidence, row, scale, evidence.fit.misfit, others.misfit)
-
-
-def _refined(scale: Floats, cost: Callable[[Floats], float]) -> tuple[Floats, float]:
-    """The scale, its factor at the least cost, and that cost, which is quadratic in 1 / factor."""
-    scaled = scale != 1
-    for step in _STEPS:
-        inverse = np.array([1 - step, 1.0, 1 + step])
-        low, middle, high = (cost(np.where(scaled, scale / each, 1.0)) for each in inverse)
-        bend = low - 2 * middle + high
-        change = 0.5 * step * (low - high) / bend if bend > 0 else 0.0
-        scale = np.where(scaled, scale / (1 + np.clip(change, -0.5, 0.5)), 1.0)
-    return scale, cost(scale)
 
 
 def _record_off(evidence: Evidence, scorer: Scorer) -> tuple[int, Finding] | None:

@@ -44,6 +44,10 @@ class Noise:
     degrees_of_freedom: Floats
     """Degrees of freedom of each record's covariance, shape (r,)."""
 
+    def select(self, rows: np.ndarray) -> "Noise":
+        """Return the noise of some records."""
+        return Noise(self.covariance[rows], self.degrees_of_freedom[rows])
+
     @property
     def inverse_bias(self) -> Floats:
         """Mean factor by which the inverse of an estimated n × n covariance is too large, (r,).
