@@ -376,7 +376,7 @@ def test_a_search_in_some_rows_has_their_noise_and_equations() -> None:
     assert again.fits.tried == {}
 
 
-def test_a_search_ends_after_24_fits_and_a_model_after_two_starts() -> None:
+def test_a_search_ends_after_24_fits_or_48_near_the_data_and_a_model_after_two_starts() -> None:
     search = search_of({PLAIN: estimate(misfit=99.0), RUBBING: estimate(RUBBING, misfit=101.0)})
     assert search.is_open(RUBBING)
     assert not search.is_open(PLAIN)  # it converged
@@ -389,6 +389,12 @@ def test_a_search_ends_after_24_fits_and_a_model_after_two_starts() -> None:
     search.starts[PLAIN] = 22
     assert search.is_spent
     assert not search.is_lost
+    search.fits.tried[PLAIN].misfit = 3.1
+    assert search.is_spent
+    search.fits.tried[PLAIN].misfit = 2.9  # growth part by part takes more
+    assert not search.is_spent
+    search.starts[PLAIN] = 46
+    assert search.is_spent
     search.fits.tried[PLAIN].misfit = 100.0
     assert search.is_lost
     assert search_of().is_lost

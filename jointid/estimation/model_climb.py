@@ -10,7 +10,7 @@ from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.model_growth import NEARLY_ALL
+from jointid.estimation.model_growth import NEARLY_ALL, other_part_leads
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances, by_motion
@@ -234,14 +234,12 @@ def _linear_misfit(search: Search) -> float:
 
 
 def fit_slopes(search: Search, model: Model) -> list[Model]:
-    """Fit three slopes in place of a cubic law that comes near the data of sines, but not near enough.
-
-    The cubic law gives the changes of slope from which their fit starts.
-    """
+    """Fit three slopes, from a cubic law that comes near the data of sines, but not near enough."""
     found, slopes = search.fits.estimate(model), model.replacing("cubic", "piecewise")
     if "cubic" not in model.effects or search.has_motions or not search.may_start_again(slopes):
         return []
-    if found is None or not DOUBTFUL < found.misfit < _NEAR * _linear_misfit(search):
+    is_near = found and DOUBTFUL < found.misfit < _NEAR * _linear_misfit(search)
+    if not (found and is_near) or other_part_leads(search, model):
         return []
     search.fit(slopes, found.named, compares=False)
     return [slopes]

@@ -33,6 +33,8 @@ _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
 """Score over the cost from which a part is fitted in place of a law, or before others that are."""
+_LEADING = 0.15
+"""The same of a part that is no law of the gears, whose fit is quicker than those of further laws."""
 _LARGE = 0.1
 """Score over the cost from which a part is fitted to motions that leave no more than noise: their noise
 is that of the residual, which a missing part raises."""
@@ -176,9 +178,19 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         others = others[::-1] if search.has_motions else others  # their fits are few
         instead_of_cubic = [plain.with_part(law) for law in others]
-        later = highest > NEARLY_ALL and not search.has_motions
+        later = highest > NEARLY_ALL or other_part_leads(search, model)
+        later &= not search.has_motions
         wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
     return [*sharper, *wider]
+
+
+def other_part_leads(search: Search, model: Model) -> bool:
+    """Whether a part that is no law of the gears promises more than laws do, and comes before them."""
+    found, scored = search.fits.estimate(model), search.scores(model)
+    if found is None or not scored:
+        return False
+    first = max(scored, key=lambda part: scored[part].gain)
+    return first not in GEAR_LAWS and scored[first].gain > _LEADING * found.cost
 
 
 def step_towards(search: Search, other: Model, found: LikelihoodEstimate) -> tuple[Floats, float]:
@@ -256,8 +268,8 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     It is not where the model explains the data without it and K and D would hardly move. Its score still
     widens the errors.
     """
-    found = search.fits.estimate(model)
-    if found is None or not model.with_part(part).is_slow:
+    found, is_slow = search.fits.estimate(model), model.with_part(part).is_slow
+    if found is None or not (is_slow or search.fits.rows > _MANY_ROWS):
         return True
     if not search.may_explain(model, part):
         return False

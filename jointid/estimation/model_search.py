@@ -45,10 +45,8 @@ _EXPLAINED_MOTIONS = 1.3
 residual, and wide reversals leave few equations."""
 _FEW = 10
 """Records per joint in which models are sought where the simple ones are far from the data."""
-_MOST_FITS = 24
-"""Fits of one search."""
-_MOST_STARTS = 2
-"""Start values from which a model is fitted."""
+_MOST_FITS, _MOST_NEAR_FITS, _MOST_STARTS = 24, 48, 2
+"""Fits of one search, far from the data and near them, and start values from which a model is fitted."""
 _MOST_SLOW_FITS, _MOST_SLOW_FITS_OF_MOTIONS, _MOST_LAWS_OF_MOTIONS = 12, 9, 4
 """Fits with a law of the gears that compare models; all such fits where the records hold motions, and
 the sets of laws that they compare."""
@@ -151,7 +149,8 @@ class Search:
     @property
     def is_spent(self) -> bool:
         """Whether the search ends: wrong data would take many fits."""
-        return sum(self.starts.values()) >= _MOST_FITS
+        most = _MOST_NEAR_FITS if self.fits.least_misfit < DOUBTFUL else _MOST_FITS
+        return sum(self.starts.values()) >= most
 
     def is_open(self, model: Model) -> bool:
         """Whether a model was not fitted, or did not converge from its only start values."""
