@@ -73,7 +73,7 @@ def test_records_that_disagree_widen_the_errors(std: float) -> None:
     off, stated, wide = (
         np.array(part)
         for part in zip(
-            *(errors(drawn(seed, 0.2, 20.0), std) for seed in range(tries(15, nightly=30))), strict=True
+            *(errors(drawn(seed, 0.2, 20.0), std) for seed in range(tries(15, long=30))), strict=True
         )
     )
     before, after = (np.sqrt(np.mean((off / error) ** 2)) for error in (stated, wide))
