@@ -486,7 +486,7 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
         "Fleet-dark",
     ),
     # .ci/check_installed.py opens every page of one server.
-    "browser::a_fresh_server_runs_every_page_first": ("[RPTESG]*", "Compare"),
+    "browser::a_fresh_server_runs_every_page_first": ("[RPTESGF]*", "Compare"),
     # cli::motions_of_simulated_gears_have_their_laws; every export of them: test_export.py.
     "cli::simulated_gears_have_their_laws": ("*",),
     "elasticity::standard_errors_are_the_scatter_of_the_estimates": (
@@ -511,6 +511,13 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
     "gears::gravity_is_found_beside_heavy_friction": ("*",),
     "gears::hardening_is_found_beside_presliding_friction": ("hardening", "backlash"),
     "gears::three_slopes_as_in_a_catalogue_are_found": ("3.0-*",),
+    # Every law with the parallelogram, most of them at once with the serial arm.
+    "gears::the_cut_agrees_with_an_independent_integration": (
+        "serial-hysteresis*",
+        "serial-hardening",
+        "serial-backlash",
+        "serial-piecewise",
+    ),
     "gears::backlash_is_not_identified_as_three_slopes": ("5",),
     "likelihood::the_estimate_is_right_under_any_law_of_friction": ("wide",),
     "motion::friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion": ("0.02",),
