@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from normal_run import COLLECTED, of_long_run
+from normal_run import COLLECTED, of_long_run, of_nightly_run
 from random_cases import begin
 from threadpoolctl import threadpool_limits
 
@@ -67,7 +67,8 @@ def simulated(joints: int, *, seed: int = 1) -> Study:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--long", action="store_true", help="run the tests marked long, too")
+    parser.addoption("--long", action="store_true", help="run the tests marked long, too, as CI does")
+    parser.addoption("--nightly", action="store_true", help="run every variant of every test")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -76,7 +77,7 @@ def pytest_configure(config: pytest.Config) -> None:
     Matrices are small here: further threads would only wait for work, each on a core that another worker
     of pytest-xdist needs. Compiling a module takes longer than to run it, in every process anew.
     """
-    begin(long=config.getoption("--long"))
+    begin(_run(config))
     gc.disable()  # until pytest_collection_finish: reading the tests makes a million lasting objects
     os.environ |= {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # of what is started later
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
@@ -85,15 +86,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is marked long, unless asked; begin the longest files first.
+    """Leave out what belongs to longer runs; begin the longest files first.
 
     Whole files go to a worker: a long one at the end would leave the other cores idle.
     """
     config.stash[COLLECTED] = {_name(item) for item in items}
-    if not config.getoption("--long"):
-        left_out = [item for item in items if _is_long(item)]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if not _is_long(item)]
+    tried = {"normal": _is_normal, "long": _is_of_ci, "nightly": lambda _: True}[_run(config)]
+    config.hook.pytest_deselected(items=[item for item in items if not tried(item)])
+    items[:] = [item for item in items if tried(item)]
     for item in items:
         if item.get_closest_marker("browser"):
             item.add_marker(pytest.mark.timeout(BROWSER_TIMEOUT_S))
@@ -102,8 +102,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     )
 
 
-def _is_long(item: pytest.Item) -> bool:
-    return item.get_closest_marker("long") is not None or of_long_run(*_name(item))
+def _run(config: pytest.Config) -> str:
+    """Kind of run, as in ``random_cases.OF_RUN``."""
+    return next((run for run in ("nightly", "long") if config.getoption(f"--{run}")), "normal")
+
+
+def _is_normal(item: pytest.Item) -> bool:
+    return _is_of_ci(item) and not item.get_closest_marker("long") and not of_long_run(*_name(item))
+
+
+def _is_of_ci(item: pytest.Item) -> bool:
+    return not of_nightly_run(*_name(item))
 
 
 def _name(item: pytest.Item) -> tuple[str, str, str]:

@@ -1,7 +1,7 @@
-"""Variants of costly tests that a normal run tries; ``--long``, as in CI, tries every variant.
+"""Variants of costly tests: those that a normal run tries, and those that only ``--nightly`` tries.
 
-By file and test, both without ``test_``, patterns of the names that pytest prints in brackets; a test
-without patterns belongs to long runs. Tests that are not here run whole.
+By file and test, both without ``test_``, patterns of the names that pytest prints in brackets. Tests
+that are not here run whole. ``--long``, as in CI, tries all but those of nightly runs.
 """
 
 from __future__ import annotations
@@ -470,9 +470,89 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "workspace::another_session_at_the_address_continues": ("1",),
     "workspace::an_existing_study_is_opened_again": (),
 }
+"""Variants that a normal run tries; a test without patterns belongs to long runs."""
+
+NIGHTLY: dict[str, tuple[str, ...]] = {
+    "arm_side::a_joint_that_hardly_moves_in_a_record_leaves_the_others": ("1.0",),
+    # Motors are fitted in arm_side::against_nominal_values_at_the_motor.
+    "arm_side::motors_that_contradict_their_sensors_end_in_an_answer_or_a_message": ("*",),
+    "arm_side::motors_that_contradict_the_robot_model_are_a_warning": ("exchanged",),
+    # Either theme with half of the pages.
+    "browser::axe_finds_nothing_on_any_page": (
+        "[RPECG]*-light",
+        "Transfer_matrix-dark",
+        "Import_a_log-dark",
+        "Simulate-dark",
+        "Fleet-dark",
+    ),
+    # .ci/check_installed.py opens every page of one server.
+    "browser::a_fresh_server_runs_every_page_first": ("[RPTESGF]*", "Compare"),
+    # cli::motions_of_simulated_gears_have_their_laws; every export of them: test_export.py.
+    "cli::simulated_gears_have_their_laws": ("*",),
+    "elasticity::standard_errors_are_the_scatter_of_the_estimates": (
+        "1-1-None-4.0",
+        "3-3-None-1.0",
+        "2-2-15-4.0",
+        "2-2-7-4.0",
+        "1-2-7-1.0",
+    ),
+    "fleet::an_interrupted_batch_resumes": ("kill -9",),
+    "fleet::an_invalid_cluster_address_is_one_message": ("tls*",),
+    # Two laws: hardening_is_found_beside_presliding_friction, with hysteresis.
+    "gears::two_laws_are_found_beside_an_unstated_delay": ("*",),
+    # A gear that hardly deflects: hysteresis_is_found_beside_a_stiff_gear.
+    "gears::hardening_is_found_beside_a_gear_of_one_encoder_step": ("*",),
+    # whole_error::several_deviations_are_found_together: friction at arm and motor.
+    "gears::friction_at_the_arm_is_found_beside_that_of_the_motors": ("*",),
+    # Backlash beside friction: several_laws_are_found_where_each_alone_fits_badly.
+    "gears::wide_backlash_is_found_beside_friction": ("*",),
+    "gears::backlash_is_found_beside_motors_that_stick": ("*",),
+    # whole_error::several_deviations_are_found_together: gravity, friction.
+    "gears::gravity_is_found_beside_heavy_friction": ("*",),
+    "gears::hardening_is_found_beside_presliding_friction": ("hardening", "backlash"),
+    "gears::three_slopes_as_in_a_catalogue_are_found": ("3.0-*",),
+    # Every law with the parallelogram, most of them at once with the serial arm.
+    "gears::the_cut_agrees_with_an_independent_integration": (
+        "serial-hysteresis*",
+        "serial-hardening",
+        "serial-backlash",
+        "serial-piecewise",
+    ),
+    "gears::backlash_is_not_identified_as_three_slopes": ("5",),
+    "likelihood::the_estimate_is_right_under_any_law_of_friction": ("wide",),
+    "motion::friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion": ("0.02",),
+    "periodic_effects::torque_ripple_is_found_and_leaves_k_and_d": ("24-*",),
+    "six_axes::a_fit_with_free_reversals_converges_from_regression": ("14-*",),
+    # Two joints: motion::joints_that_move_in_turn_with_friction.
+    "six_axes::joints_that_move_in_turn_with_heavy_friction": ("*",),
+    # joints_that_others_move_and_friction_holds.
+    "six_axes::sines_of_joints_that_move_in_turn_with_heavy_friction": ("*",),
+    "six_axes::two_axes_move_while_friction_holds_the_others": ("*",),
+    "uncertainty::bootstrap_draws_the_given_inertias_as_well": ("*-0.01",),
+    "uncertainty_pages::the_bootstrap_agrees_with_the_stated_errors": ("[23]",),
+    "verdict::a_fault_in_every_record_names_no_single_record": ("six-1.1",),
+    "verdict::exchanged_or_reversed_axes_are_found_beside_friction": ("given0-Joint*-0.05",),
+    "verdict::velocities_in_place_of_positions_are_named": ("rpm-*",),
+    "whole_error::play_and_hysteresis_are_found_together": ("0.1-2",),
+    "whole_error::several_deviations_are_found_together": ("hysteresis, *", "gravity, hardening*"),
+    # Each robot and each kind of inertias once.
+    "whole_error::uncertain_inertias_widen_the_error_little": (
+        "paper-up to [35]0*",
+        "Manutec-up to 5 %",
+        "Manutec-up to 30 %",
+        "random-up to 5*",
+    ),
+}
+"""Variants that only a nightly run tries: CI tries others of the same test, or what a comment names."""
 
 
 def of_long_run(file: str, test: str, variant: str) -> bool:
-    """Whether only a long run tries this variant of a test."""
+    """Whether a normal run leaves out this variant of a test."""
     tried = VARIANTS.get(f"{file[5:-3]}::{test[5:]}")
     return tried is not None and not any(fnmatchcase(variant, pattern) for pattern in tried)
+
+
+def of_nightly_run(file: str, test: str, variant: str) -> bool:
+    """Whether only a nightly run tries this variant of a test."""
+    left_out = NIGHTLY.get(f"{file[5:-3]}::{test[5:]}", ())
+    return any(fnmatchcase(variant, pattern) for pattern in left_out)

@@ -307,7 +307,7 @@ class TestSimulating:
     def test_sines_of_two_amplitudes_show_a_hardening_gear(self, form: AppTest) -> None:
         form.text_input(key="sim_amplitudes").set_value("100, 30")
         form.text_input(key="sim_cubic").set_value("9000, 0")
-        form.number_input(key="sim_seconds").set_value(tries(1.5, long=4.0))
+        form.number_input(key="sim_seconds").set_value(tries(1.5, nightly=4.0))
         at = shown(form.button[0].click().run())
         assert not at.error
         text = " ".join(m.value.replace("\N{NO-BREAK SPACE}", " ") for m in [*at.markdown, *at.caption])

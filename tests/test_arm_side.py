@@ -69,6 +69,7 @@ from jointid.importing import (
 )
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.study import fits_with_motion
 from jointid.uncertainty.comparison import comparable, compare
 from jointid.verdict.evidence import problem
 from jointid.verdict.motion_findings import arm_side_findings, at_odds
@@ -95,11 +96,18 @@ def identified(records: Sequence[MotionRecord], robot: RobotModel) -> ArmSideFit
 def once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Commands and pages take the fit of other tests, if they ask for the same one.
 
-    Motors give no K in 20 s, as in long runs; in less they would take a search: here they are refused.
+    Motors give no K in 20 s, as in nightly runs; to find that takes long: here they are refused.
     """
     monkeypatch.setattr("jointid.analysis.identify_arm_side", identified)
-    if tries(True, long=False):
+    if tries(True, nightly=False):
         monkeypatch.setattr("jointid.analysis.fits_with_motion", no_motors)
+
+
+@pytest.fixture
+def motors_fitted(once: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit the motors in CI as well; the short record of a normal run would take a search."""
+    if tries(False, long=True):
+        monkeypatch.setattr("jointid.analysis.fits_with_motion", fits_with_motion)
 
 
 def no_motors(*_: object) -> NoReturn:
@@ -139,7 +147,7 @@ def test_friction_of_a_joint_that_hardly_moves_is_no_skew() -> None:
 def test_with_known_payload_and_a_quiet_gear_stiffness_is_within_one_per_cent() -> None:
     clocks = np.array([1e-3, 3e-3, 4.5e-3])
     quiet = Truth(TRUTH.K, clocks, 150.0, eccentricity=2, ripple=1, teeth=2, vibration=0.3)
-    found = identify_arm_side(motion_record(quiet, 2, seconds=tries(10.0, long=14.0)), KNOWN)
+    found = identify_arm_side(motion_record(quiet, 2, seconds=tries(10.0, nightly=14.0)), KNOWN)
     np.testing.assert_allclose(found.K[:SENSORS], TRUTH.K, rtol=0.01)
     np.testing.assert_allclose(found.skew_s[:SENSORS], clocks, atol=2e-5)
 
@@ -216,7 +224,7 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
 @pytest.mark.parametrize("share", [0.3, 1.0])
 def test_a_joint_that_hardly_moves_in_a_record_leaves_the_others(share: float) -> None:
     """Its deflection may exceed its motion; beside a record in which it moves, it only rests."""
-    given = motion_record(TRUTH, 1, seconds=tries(6.0, long=20.0))
+    given = motion_record(TRUTH, 1, seconds=tries(6.0, nightly=20.0))
     assert given.arm_rad is not None
     still, theta, arm = 1e-4 * np.cos(given.time_s), given.theta_rad.copy(), given.arm_rad.copy()
     theta[:, 0], arm[:, 0] = still * ROBOT.gear_ratio[0], share * still
@@ -618,6 +626,7 @@ def test_a_refused_joint_with_a_sensor_limits_the_answer() -> None:
         useless.require_usable()
 
 
+@pytest.mark.usefixtures("motors_fitted")
 def test_against_nominal_values_at_the_motor() -> None:
     """They become N² times as large at the joint."""
     K = fit().K / np.r_[1.25, 1.0, 1.0, 1.0, 1.0, 1.0]

@@ -305,11 +305,14 @@ def test_simulated_gears_have_their_laws(here: Path) -> None:
     assert "static const double D[2] = {" in (here / "s.c").read_text("utf-8")
     np.testing.assert_allclose(laws["cubic"], [9000, 0], rtol=0.02)
     np.testing.assert_allclose(laws["backlash_rad"], [0, 0.004], rtol=0.02)
-    again = [*made[:-2], "--overwrite", "--gear"]
-    assert "joints 1 to 2" in refused(2, *again, "3: cubic=1")
-    assert "presliding" in refused(2, *again, "loss=0.1")
-    assert "not a number" in refused(2, *again, "cubic=hard")
-    assert "presliding_rad" in refused(1, *again, "hysteresis=0.1")
+
+
+def test_wrong_laws_of_gears_are_refused(here: Path) -> None:
+    made = ["simulate", "s.zip", "--count", "6", "--periods", "5", "--gear"]
+    assert "joints 1 to 2" in refused(2, *made, "3: cubic=1")
+    assert "presliding" in refused(2, *made, "loss=0.1")
+    assert "not a number" in refused(2, *made, "cubic=hard")
+    assert "presliding_rad" in refused(1, *made, "hysteresis=0.1")
 
 
 @pytest.mark.parametrize("joints", [1, 2])

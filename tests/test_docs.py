@@ -67,13 +67,25 @@ def edit_mapping(path: Path) -> None:
     path.write_text(json.dumps(mapping | {"torque_hold": True, "assumed": []}), "utf-8")
 
 
+@pytest.fixture(scope="module")
+def example_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The log that an example writes, once for all pages."""
+    folder = tmp_path_factory.mktemp("log")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        runpy.run_path(str(ROOT / "examples" / "twincat_log.py"), run_name="__main__")
+    return folder / "cell7.csv"
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=name)
-def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_run(
+    page: Path, example_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """In order, with the log of the example, the TOML of the tutorials and a folder of studies."""
     monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(ROOT / "examples" / "twincat_log.py"), run_name="__main__")
-    shutil.copy("cell7.csv", "log.csv")
+    for copy in ("cell7.csv", "log.csv"):
+        shutil.copy(example_log, copy)
     shutil.copytree(ROOT / "sample_data" / "single_joint", "cells/one")
     for source, target in (("tutorials/own-robot", "inertia.toml"), ("how-to/plan", "cell7.toml")):
         text = (ROOT / "docs" / f"{source}.md").read_text("utf-8")

@@ -415,7 +415,7 @@ def shared_equations(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_standard_errors_are_the_scatter_of_the_estimates(
     n: int, count: int, freedom: int | None, unlike: float
 ) -> None:
-    """320 realisations in a long run, half in a normal one.
+    """320 realisations in a long run, a third in a normal one.
 
     ``freedom`` None knows the noise, else it is estimated from so many draws. The standard deviation of
     a variance ratio is 0.08: 0.7 to 1.35 is four of them. The misfit of a right model is 1 on average.
@@ -449,7 +449,7 @@ def test_standard_errors_of_a_single_record_are_its_scatter() -> None:
     base = example(2, np.array([11.0]), 1)
     noise = mild_noise(base)
     fits: dict[str, list[ElasticityFit]] = {method: [] for method in LINEAR}
-    for error in circular(np.random.default_rng(6), noise, tries(100, long=500)):
+    for error in circular(np.random.default_rng(6), noise, tries(100, long=200, nightly=500)):
         data = noisy(base, noise, error)
         for method, of_method in fits.items():
             of_method.append(identify_elasticity(data, SERIAL, method=method))
@@ -479,7 +479,7 @@ def test_maximum_likelihood_is_unbiased_where_weighting_is_not() -> None:
     noise = mild_noise(base, 0.3)
     found: dict[str, list[np.ndarray]] = {"weighted": [], "maximum-likelihood": []}
     stated, misfit = [], []
-    for error in circular(np.random.default_rng(12), noise, tries(60, long=300)):
+    for error in circular(np.random.default_rng(12), noise, tries(60, nightly=300)):
         for method, answers in found.items():
             fit = identify_elasticity(noisy(base, noise, error), SERIAL, method=method)
             answers.append(answer(fit))

@@ -126,7 +126,7 @@ def test_chance_is_no_drift(dates: int) -> None:
     """The p-value of the slope is that of chance; the scatter of few values is itself uncertain."""
     rng = np.random.default_rng(3)
     p_values = []
-    for _ in range(tries(300, long=1000)):
+    for _ in range(tries(300, nightly=1000)):
         values = 40 + 0.1 * rng.standard_normal(dates)
         rows = [row(k, v, date=f"{2020 + k}-01-01") for k, v in enumerate(values)]
         p_values.append(robot_drift(rows, "K", 1, "A").p_value)

@@ -109,9 +109,9 @@ WORN = {
         PAPER, K=[43.0, 2000.0], D=[0.10, 0.25], hysteresis_Nm=[0.08, 0.0], hysteresis_rad=0.003
     ),
 }
-MOTIONS = {"noise": 0.003, "periods": 4.5, "max_step_s": tries(5e-4, long=MAX_STEP_S)}
+MOTIONS = {"noise": 0.003, "periods": 4.5, "max_step_s": tries(5e-4, nightly=MAX_STEP_S)}
 COARSE: dict[str, Any] = tries(
-    {"controller": Controller(sample_rate_hz=2000), "friction": MotorFriction(step_s=5e-4)}, long={}
+    {"controller": Controller(sample_rate_hz=2000), "friction": MotorFriction(step_s=5e-4)}, nightly={}
 )
 """Of simulated gears: fewer samples and longer steps than by default."""
 LATER = ("heavy rotors", "wide loops", "beside a stiff gear")
@@ -712,7 +712,7 @@ STIFFENING = {
 @cache
 def of_sticky_motors() -> dict[str, Phasors]:
     """Phasors of the stiffening robots, which are integrated side by side."""
-    laws = tries(("hardening",), long=tuple(STIFFENING))
+    laws = tries(("hysteresis",), nightly=tuple(STIFFENING))
     logs = simulate([(STIFFENING[x], paper_motions(STIFFENING[x], BAND, **MOTIONS)) for x in laws])
     return {law: extract_phasors(records) for law, records in zip(laws, logs, strict=True)}
 
@@ -1013,8 +1013,8 @@ def test_backlash_is_not_identified_as_three_slopes(seed: int) -> None:
     records = simulate_records(
         inertia,
         Elasticity([36, 9.5], [0.08, 0.02]),
-        np.geomspace(3, 28, tries(8, long=12)).tolist(),
-        excitation=Excitation(periods=tries(6.5, long=None)),
+        np.geomspace(3, 28, tries(8, nightly=12)).tolist(),
+        excitation=Excitation(periods=tries(6.5, nightly=None)),
         gears=[Gear(K=K, backlash_rad=b) for K, b in zip((36, 9.5), play, strict=True)],
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=[0.03, 0.015]),
         seed=seed,

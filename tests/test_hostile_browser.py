@@ -28,7 +28,8 @@ from jointid.files.study_files import pack_study
 pytestmark = pytest.mark.browser
 METHOD = tries(
     ["Records"],
-    long=["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"],
+    long=["Records", "Elasticity"],
+    nightly=["Records", "Phasors", "Transfer matrix", "Elasticity", "Cut", "Plan"],
 )
 """What every page is sent is read without a browser, too: ``test_hostile_pages.py``."""
 FOLDED = "[data-testid=stExpander] details:not([open]) > summary:not(:has-text('error bars')):visible"
@@ -112,7 +113,7 @@ def test_names_of_studies_make_no_links(
     for title in METHOD:
         follow(page, title, title)
         look(page)
-    if tries(False, long=True):  # what the report holds: test_report.py
+    if tries(False, nightly=True):  # what the report holds: test_report.py
         follow(page, "Report and export", "Report and export")
         page.get_by_role("button", name="Make the report").click()
         expect(page.get_by_role("button", name="Report as PDF")).to_be_visible()

@@ -32,7 +32,7 @@ from jointid.importing import (
     read_logs,
 )
 
-TRIES = tries(15, long=100)
+TRIES = tries(15, long=40, nightly=100)
 
 
 def tell(capsys: pytest.CaptureFixture[str], text: str) -> None:

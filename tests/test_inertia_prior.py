@@ -72,7 +72,7 @@ def test_k_and_d_are_identified_with_wrong_inertias(inertia: Inertia, by: float,
 
 
 def test_the_standard_error_is_that_of_the_scatter() -> None:
-    scores, runs = [], tries(30, long=60)
+    scores, runs = [], tries(30, nightly=60)
     for seed in range(runs):
         fit = identify_elasticity(
             measured(seed=seed), wrong(PARALLELOGRAM, 0.03, seed), inertia_std=math.inf,
@@ -211,7 +211,7 @@ def test_linear_estimators_carry_the_prior_in_their_errors(method: str) -> None:
     assert np.array_equal(fit.estimate, exact.estimate)
     assert fit.noise_error == pytest.approx(exact.standard_error)
     prior, estimates = fit.prior, []
-    for _ in range(tries(80, long=200)):
+    for _ in range(tries(80, nightly=200)):
         M, lower = (mean + std * rng.standard_normal(mean.shape) for mean, std in _inertias(prior))
         scale = 1 + 0.005 * rng.standard_normal(2)
         drawn = scaled(phasors, np.concatenate([np.ones(2), scale]))

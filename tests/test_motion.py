@@ -104,7 +104,7 @@ def test_a_delay_turns_the_images_of_the_torque(changed: dict[str, float]) -> No
 
     With the images of a torque without delay K was 0.2 % off: in low noise, more than 8 standard errors.
     """
-    length = tries(2.5, long=5.0)
+    length = tries(2.5, nightly=5.0)
     motion = replace(
         SHORT, duration_s=length, sample_rate_hz=250.0, noise_Nm=0.002, encoder_counts=2**20
     )
@@ -550,7 +550,7 @@ def test_joints_that_move_in_turn_with_friction() -> None:
 def test_hardening_is_found_under_heavy_friction() -> None:
     """Noise and free friction explain nearly all that a linear gear leaves; the score test finds it."""
     hard = {"cubic": [20_000.0, 0.0], "coulomb": [0.1, 0.05], "viscous": [2e-3, 4e-4]}
-    motion = replace(SHORT, noise_Nm=0.02, duration_s=tries(1.3, long=2.0))
+    motion = replace(SHORT, noise_Nm=0.02, duration_s=tries(1.3, nightly=2.0))
     rubbing = simulate([(replace(CELL, **hard), motion)])[0]
     fit = identify_motion(rubbing, GIVEN, inertia_std=0.05)
     assert fit.gears[0].kind == "hardening"
@@ -599,7 +599,7 @@ def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.Monke
     monkeypatch.setattr(WhitenedResidual, "misfit_by_harmonic", kept)
     monkeypatch.setattr(end_terms, "_ROWS", 30)
     robot = replace(MANUTEC, coulomb=[0.05, 0.02, 0.05], viscous=[1e-3, 5e-4, 1e-3])
-    motion = Motion("random", records=tries(1, long=2), duration_s=tries(3.0, long=4.0), seed=4)
+    motion = Motion("random", records=tries(1, nightly=2), duration_s=tries(3.0, nightly=4.0), seed=4)
     (moved,) = simulate([(robot, motion)])
     fit = identify_motion(moved, Inertia(robot.M, robot.M2))
     assert np.all(np.abs(found[-1][found[-1] != 0] - 1) < 0.5)
@@ -609,9 +609,9 @@ def test_bands_of_many_joints_have_the_misfit_of_noise(monkeypatch: pytest.Monke
 def test_errors_hold_rounding_that_repeats() -> None:
     """Many periods of a multisine on a coarse encoder: a misfit of noise, and errors as stated."""
     motion = Motion(
-        "multisine", duration_s=tries(12.0, long=20.0), encoder_counts=2**13, velocity_rad_s=4.0
+        "multisine", duration_s=tries(12.0, nightly=20.0), encoder_counts=2**13, velocity_rad_s=4.0
     )
-    runs = [(CELL, replace(motion, seed=seed)) for seed in range(tries(1, long=2))]
+    runs = [(CELL, replace(motion, seed=seed)) for seed in range(tries(1, nightly=2))]
     fits = [identify_motion(found, GIVEN) for found in simulate(runs)]
     z = np.array([(fit.estimate - TRUE) / fit.standard_error for fit in fits])
     assert np.sqrt((z**2).mean()) < 1.5
@@ -736,7 +736,7 @@ def test_damaged_signals_of_motions_are_named(
 def test_friction_in_a_wrong_unit_leaves_motion_beside_the_reversals() -> None:
     """All of the motion was a reversal, and the analysis asked for more frequencies."""
     robot = replace(CELL, coulomb=[0.05, 0.01])
-    (sweep,) = simulate([(robot, replace(SHORT, kind="sweep", duration_s=tries(2.0, long=3.0)))])
+    (sweep,) = simulate([(robot, replace(SHORT, kind="sweep", duration_s=tries(2.0, nightly=3.0)))])
     in_mNm = [replace(each, tau_Nm=1e3 * each.tau_Nm) for each in sweep]
     assert analyse(Study(records=in_mNm, inertia=GIVEN, inertia_std=0.05)).state == "not usable"
 
@@ -785,7 +785,7 @@ def test_the_jacobian_behind_hardening_gears_in_motion(monkeypatch: pytest.Monke
 
     The start of a record is estimated by itself, which the Jacobian leaves out; its end forgets that.
     """
-    monkeypatch.setattr("benchmarks.motion.MAX_STEP_S", tries(5e-4, long=MAX_STEP_S))
+    monkeypatch.setattr("benchmarks.motion.MAX_STEP_S", tries(5e-4, nightly=MAX_STEP_S))
     logs = records(replace(SHORT, duration_s=8.0, noise_Nm=1e-3), cubic=9000.0)
     phasors = motion_phasors(logs, np.tile(CELL.M, (len(logs), 1)))
     prior = InertiaPrior.of(GIVEN, *phasors.q.shape, inertia_std=0.05, torque_std=0.05)

@@ -1,4 +1,4 @@
-"""The table of variants of a normal run names tests and variants that exist."""
+"""The tables of variants of normal and nightly runs name tests and variants that exist."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from normal_run import COLLECTED, VARIANTS
+from normal_run import COLLECTED, NIGHTLY, VARIANTS
 
 
 def test_every_entry_names_a_test_and_its_patterns_variants(request: pytest.FixtureRequest) -> None:
@@ -17,7 +17,7 @@ def test_every_entry_names_a_test_and_its_patterns_variants(request: pytest.Fixt
     variants = defaultdict[tuple[str, str], list[str]](list)
     for file, test, variant in request.config.stash[COLLECTED]:
         variants[file, test].append(variant)
-    for entry, patterns in VARIANTS.items():
+    for entry, patterns in (*VARIANTS.items(), *NIGHTLY.items()):
         file, _, test = (f"test_{part}" for part in entry.partition("::"))
         path = Path(__file__).with_name(f"{file}.py")
         assert f"def {test}(" in text(path), entry

@@ -35,7 +35,7 @@ def records_of(
     seed: int, noise: float = 0.005, amplitude: float = 1.0, **effects: object
 ) -> list[SineRecord]:
     """Sines of the paper's robot with further effects."""
-    steps = {"max_step_s": tries(5e-4, long=MAX_STEP_S)}
+    steps = {"max_step_s": tries(5e-4, nightly=MAX_STEP_S)}
     experiment = paper_motions(PAPER, band(PAPER, 0.3, 3, 10), seed=seed, noise=noise, **steps)
     experiment = replace(experiment, amplitude_rad=amplitude * experiment.amplitude_rad)
     (records,) = simulate([(replace(PAPER, **effects), experiment)])

@@ -234,7 +234,7 @@ def test_a_plan_beyond_a_hardening_gear_does_not_determine_the_torque_scale() ->
         PARALLELOGRAM,
         PAPER,
         np.geomspace(3, 30, 8),
-        excitation=Excitation(duration_s=tries(1.5, long=4.0)),
+        excitation=Excitation(duration_s=tries(1.5, nightly=4.0)),
         gears=[Gear(cubic=9000.0), Gear()],
         measurement=Measurement(encoder_counts=65536, torque_noise_Nm=0.01),
     )

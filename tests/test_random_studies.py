@@ -2,8 +2,8 @@
 
 Studies come from seeds (``study_generator.random_study``): robots at any scale, repeated, collinear,
 constant, clipped, tiny and huge signals. A failure names its seed;
-``faults(seed, small=True)`` repeats it. With ``--long`` there are thirty times as many. The environment
-sets the number of larger studies with every use of an analysis, for a nightly run:
+``faults(seed, small=True)`` repeats it. With ``--long`` there are four times as many, with ``--nightly``
+thirty times. The environment sets the number of larger studies with every use of an analysis:
 
     JOINTID_LONG=3000 python -m pytest -n 0 --timeout 0 tests/test_random_studies.py
 """
@@ -32,7 +32,7 @@ def told(seed: int, found: list[tuple[str, Exception]]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("first", range(*tries((14, 19), long=(0, 150)), AT_ONCE))
+@pytest.mark.parametrize("first", range(*tries((14, 19), long=(25, 45), nightly=(0, 150)), AT_ONCE))
 def test_any_study_is_analysed_or_refused(first: int) -> None:
     for seed in range(first, first + AT_ONCE):
         found = faults(seed, small=True, every=EVERY)
@@ -66,7 +66,7 @@ def test_two_analyses_of_a_study_agree_or_are_both_refused() -> None:
         500332,
         500968,
     )
-    mended = mended[: tries(6, long=16)]
+    mended = mended[: tries(6, long=15, nightly=16)]  # the last takes longest
     seeds = (*mended, *range(100, 100 + tries(4, long=12)))
     found = [random_studies.trial(seed) for seed in seeds]
     assert {each.seed: each.fault for each in found if each.fault} == {}

@@ -59,7 +59,7 @@ def errors(phasors: Phasors, std: float) -> tuple[np.ndarray, np.ndarray, np.nda
 @pytest.mark.parametrize("std", [0.0, 0.05])
 def test_right_errors_are_not_widened(std: float) -> None:
     widened = 0
-    for seed in range(tries(12, long=30)):
+    for seed in range(tries(12, nightly=30)):
         _, stated, wide = errors(drawn(seed, 0.0, 1.0), std)
         widened += bool(np.any(wide > stated))
         assert np.all(wide >= stated)

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from browsing import Server
+from random_cases import tries
 from sessions import Session
 
 PATIENCE_S = 1.0
@@ -216,7 +217,7 @@ def test_descriptors_are_released_after_sessions_end(server: Server) -> None:
         pass
     wait_for(lambda: sessions(server) == 0)
     before = settled(lambda: descriptors(server))  # without those of other tests
-    for _ in range(2):
+    for _ in range(tries(1, nightly=2)):
         visitors = [Session(server.address) for _ in range(3)]
         for visitor in visitors:
             visitor.run("")

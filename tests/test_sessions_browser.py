@@ -24,7 +24,7 @@ from jointid.files.study_files import pack_study
 
 pytestmark = pytest.mark.browser
 
-PERSONS, PAGES_EACH = tries((8, 4), long=(20, 6))
+PERSONS, PAGES_EACH = tries((8, 4), nightly=(20, 6))
 PAGES = ("", "Records", "Phasors", "Transfer_matrix", "Elasticity")
 METHODS = ("weighted", "least-squares", "explicit")
 INERTIA = Inertia(M=[0.001], M2=[[0.004]])

@@ -150,7 +150,7 @@ def test_influences_of_inertias_belong_to_their_pose() -> None:
 def test_bootstrap_agrees_with_the_stated_errors(method: str) -> None:
     phasors = measured(noise=10.0)
     fit = fitted(phasors, SERIAL, method)
-    result = bootstrap(phasors, SERIAL, fit, draws=tries(80, long=200), seed=1)
+    result = bootstrap(phasors, SERIAL, fit, draws=tries(80, nightly=200), seed=1)
     ratio = result.standard_error / fit.standard_error
     assert np.all((ratio > 0.75) & (ratio < 1.33)), ratio
     assert np.all(np.abs(result.estimates.mean(axis=0) - fit.estimate) < 0.5 * fit.standard_error)

@@ -64,13 +64,13 @@ KINDS = {
 }
 RUNS = 1
 """Of each kind of study; the benchmark makes fifty."""
-FREQUENCIES, LOWEST, PERIODS = tries(6, long=8), tries(1.0, long=0.5), tries(4.0, long=10.5)
+FREQUENCIES, LOWEST, PERIODS = tries(6, nightly=8), tries(1.0, nightly=0.5), tries(4.0, nightly=10.5)
 """At most so many, and no very long records of wide bands; the benchmark has up to 18, from 0.3 on.
 
-Records have few periods in a normal run, and those of nonlinear robots, which take long to simulate,
-few steps.
+Records have few periods except in a nightly run, and those of nonlinear robots, which take long to
+simulate, few steps.
 """
-STEP = {"max_step_s": tries(5e-4, long=MAX_STEP_S)}
+STEP = {"max_step_s": tries(5e-4, nightly=MAX_STEP_S)}
 
 
 def shorter(case: Case) -> Case:
@@ -123,7 +123,7 @@ def test_few_frequencies_show_links_as_well() -> None:
     kinds = {"links": THIRTEEN["10"], "rigid": Case()}
     seven = {name: replace(case, band=(0.7, 3.0, 7)) for name, case in kinds.items()}
     campaigns = {
-        name: [case.campaign(run) for run in range(tries(2, long=3))] for name, case in seven.items()
+        name: [case.campaign(run) for run in range(tries(2, nightly=3))] for name, case in seven.items()
     }
     links, rigid = (outcomes(campaigns[name]) for name in kinds)
     assert max(np.abs(each.z).max() for each in links) < 4, told(links)
@@ -140,7 +140,7 @@ def test_play_and_hysteresis_are_found_together(share: float, run: int) -> None:
         dahl = {"hysteresis_Nm": share * loads.torque, "hysteresis_rad": share * loads.deflection}
         return dahl | {"backlash_rad": 0.06 * loads.deflection}
 
-    case = Case(change=change, band=(0.5, 3.0, tries(6, long=8)), motions={"periods": PERIODS, **STEP})
+    case = Case(change=change, band=(0.5, 3.0, FREQUENCIES), motions={"periods": PERIODS, **STEP})
     found = outcomes([case.campaign(run, noise=0.01)])
     assert np.abs(found[0].z).max() < 5, told(found)
     assert np.abs(found[0].error).max() < 0.01, told(found)
@@ -218,7 +218,7 @@ def test_terms_that_a_fitted_link_mode_lacks_are_in_the_error() -> None:
         link = {"link_share": link_share(robot), "link_hz": 8 * free_hz(robot)}
         return link | {"cubic": 0.2 * robot.K / loads.deflection**2}
 
-    (found,) = outcomes([Case(change=change).campaign(39)])
+    (found,) = outcomes([Case(change=change, motions=STEP).campaign(39)])
     assert np.abs(found.z).max() < 4, told([found])
     assert np.abs(found.standard_error).max() < 0.01, told([found])
 
@@ -272,7 +272,7 @@ def combined(robots: tuple[str, ...], inertias: tuple[str, ...]) -> list[Any]:
 )
 def test_uncertain_inertias_widen_the_error_little(robot: str, inertias: str) -> None:
     """K and D as exact as the noise allows, and a stated error that is no wider than it must be."""
-    campaigns, bounds = inertia_campaigns(robot, inertias, tries(2, long=4))
+    campaigns, bounds = inertia_campaigns(robot, inertias, tries(2, nightly=4))
     found = outcomes(campaigns, inertia_std=INERTIAS[inertias][1])
     n = bounds.shape[1] // 2
     error = np.sqrt(np.mean(np.square([each.error for each in found]), axis=0))
