@@ -42,7 +42,7 @@ def two_joints(**parts: Any) -> Any:
     """A fit of two joints with errors of one per cent, or with other parts."""
     usual = {"n": 2, "estimate": np.array([20.0, 4.0, 0.1, 0.02]), "inflation": 1.0, "method": "auto"}
     usual |= {"misfit": 1.0, "friction": None, "delay": None, "prior": None, "delay_error": None}
-    usual |= {"parameters": case(layout={})}
+    usual |= {"parameters": case(layout={}), "odd_misfit": np.inf}
     fit = case(**{**usual, **parts})
     fit.K, fit.D = np.split(fit.estimate, 2)
     for name in ("standard_error", "noise_error"):

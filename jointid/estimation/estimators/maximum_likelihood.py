@@ -67,6 +67,8 @@ class LikelihoodEstimate(Estimate):
     """Cost of the prior, beside ``cost`` of the data."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, and their degrees of freedom."""
+    odd_misfit: float
+    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
     repeated: float
     """Variance of errors that repeat in every period of a motion, times the further periods, over that
     of the noise."""
@@ -190,6 +192,7 @@ def maximum_likelihood(
         repeated=share,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
+        odd_misfit=misfit.odd,
         inertias=tuple(
             prior.inertias(
                 problem.rotor_inertia(named), problem.arm_inertia(named), problem.gravity(named)
@@ -216,6 +219,8 @@ class Misfit:
     gets less where its misfit is significant."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, corrected for the parameters, and their degrees of freedom."""
+    odd: float
+    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
 
     @classmethod
     def of(cls, residual: WhitenedResidual, p: Floats, normal: Floats) -> Misfit:
@@ -232,6 +237,7 @@ class Misfit:
         left = left if left >= 1 else 0.0
         by_harmonic[main] = by_harmonic[main] * measured / left if left else 1.0
         fundamental = float(by_harmonic[main] @ rows) / measured if measured else 1.0
+        odd = every if problem.ends is not None else np.where(np.arange(every.size) % 2, 0.0, every)
         worse = by_harmonic > 1
         if problem.ends is not None:
             worse &= chdtrc(every, by_harmonic * every) < _CHANCE
@@ -241,6 +247,7 @@ class Misfit:
             rank=rank,
             scale=np.where(worse, by_harmonic, 1.0)[problem.group],
             fundamental=(fundamental, left),
+            odd=float(by_harmonic @ odd) / max(float(odd.sum()), 1.0),
         )
 
 
