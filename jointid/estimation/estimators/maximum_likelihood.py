@@ -19,7 +19,13 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import LOST, minimised, penalty
+from jointid.estimation.estimators.levenberg_marquardt import (
+    LOST,
+    Gravity,
+    minimised,
+    penalty,
+    with_gravity,
+)
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
@@ -139,7 +145,7 @@ def maximum_likelihood(
         if costs[0] > _SETTLED * costs[1]:
             break
     problem = with_law_noise(problem, p)
-    fitted = WhitenedResidual.of(problem, p, scale)
+    problem, p, fitted = with_gravity(problem, p, WhitenedResidual.of(problem, p, scale), normal)
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
@@ -177,13 +183,15 @@ def maximum_likelihood(
         misfit = Misfit.of(WhitenedResidual.of(problem, p), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
-    covariance = widened_covariance(fitted, covariance, by_prior) + repeated
+    gravity = Gravity.of(fitted, covariance)
+    of_gravity = np.zeros_like(covariance) if gravity is None else gravity.covariance()
+    covariance = widened_covariance(fitted, covariance, by_prior) + repeated + of_gravity
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
         covariance=covariance,
         rests_in_noise=fitted.projection.complement is not None,
-        prior_covariance=by_prior,
+        prior_covariance=by_prior + of_gravity,
         cost=misfit.cost,
         penalty=penalty(problem, p),
         expected_cost=misfit.expected_cost,
