@@ -90,6 +90,8 @@ class ElasticityFit:
     """Misfit of the fundamentals, and their degrees of freedom (0 for linear estimators)."""
     odd_misfit: float = np.inf
     """Misfit of the odd harmonics of sines, the fundamentals among them; infinite where not known."""
+    contradicts_inertias: bool = False
+    """Whether other inertias explain motions far better than those given as exact."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
