@@ -303,9 +303,9 @@ def analyse_arm_side(study: Study) -> ArmSideAnalysis:
     """
     records, robot = study.motion_records, study.arm_side_robot()
     fit, left_out = identify_arm_side(records, robot), left_out_error(records, robot)
-    of_motors = fit.motors.contradicted
+    of_motors = fit.motors.contradicted, fit.motors.misplaced
     found = arm_side_findings(
-        fit.K, fit.standard_error, fit.reasons, study.sensed_joints, left_out, of_motors
+        fit.K, fit.standard_error, fit.reasons, study.sensed_joints, left_out, *of_motors
     )
     unit = StiffnessUnit(gear_ratio=np.where(robot.is_coupled, np.nan, robot.gear_ratio))
     return ArmSideAnalysis(study=study, findings=found, unit=unit, fit=fit, left_out_rad=left_out)

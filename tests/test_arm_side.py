@@ -395,6 +395,21 @@ def test_motors_that_contradict_the_robot_model_are_a_warning(fault: str) -> Non
     assert "contradict the robot model" in doubted.caution
 
 
+@pytest.mark.parametrize("joint", [1, 4])
+def test_a_wrong_zero_of_a_joint_angle_is_found_in_the_motor_torques(joint: int) -> None:
+    """A zero of joint 2 off by 10 degrees moved K by up to a third, without a warning."""
+    zero = np.array(ROBOT.zero)
+    zero[joint] += np.deg2rad(5.0)
+    found = identify_arm_side(record(), replace(ROBOT, zero=zero)).motors.misplaced
+    assert np.flatnonzero(np.isfinite(found[0])).tolist() == [joint]
+    assert np.rad2deg(found[0, joint]) == pytest.approx(-5.0, abs=0.7)
+    assert not np.isfinite(fit().motors.misplaced).any()
+    doubted = with_reason("", misplaced=found)
+    assert doubted.state == WITH_CARE
+    assert doubted.caution == f"Usable with care: The zero of joint {joint + 1} looks wrong."
+    assert "adding (−" in doubted.findings[0].detail
+
+
 def test_the_filter_is_exact_on_parabolas_and_shifts_sines() -> None:
     lowpass = GaussianFilter(0.004, 6.0)
     t = 0.004 * np.arange(600)
@@ -582,7 +597,12 @@ def six_axes() -> Analysis:
     return analyse(replace(study, records=study.records[::6]))
 
 
-def with_reason(reason: str, *joints: int, contradicted: np.ndarray | None = None) -> ArmSideAnalysis:
+def with_reason(
+    reason: str,
+    *joints: int,
+    contradicted: np.ndarray | None = None,
+    misplaced: np.ndarray | None = None,
+) -> ArmSideAnalysis:
     """The answer with K of some joints, from 0, refused."""
     known = fit()
     K, error, reasons = known.K.copy(), known.standard_error.copy(), list(known.reasons)
@@ -591,7 +611,8 @@ def with_reason(reason: str, *joints: int, contradicted: np.ndarray | None = Non
     changed = replace(known, K=K, standard_error=error, reasons=tuple(reasons))
     sensed, left_out = np.arange(6) < SENSORS, np.full(6, np.nan)
     doubted = known.motors.contradicted if contradicted is None else contradicted
-    findings = arm_side_findings(K, error, reasons, sensed, left_out, doubted)
+    zeros = known.motors.misplaced if misplaced is None else misplaced
+    findings = arm_side_findings(K, error, reasons, sensed, left_out, doubted, zeros)
     return replace(answer(), fit=changed, findings=findings)
 
 

@@ -170,3 +170,27 @@ def test_friction_by_load_counts_the_mean_torque_of_a_sine() -> None:
     np.testing.assert_allclose(fit.friction.load, 0.1, rtol=0.01)
     np.testing.assert_allclose(fit.estimate, [K, D], rtol=2e-3)
     assert fit.misfit < 2
+
+
+@pytest.mark.parametrize("wrong", [1.0, 1.06])
+def test_gravity_is_as_uncertain_as_the_inertias(wrong: float) -> None:
+    """With a gear ratio 3 % wrong, K was 0.3 % and 4.7 standard errors off: gravity was exact."""
+    rng, records = np.random.default_rng(0), []
+    true = replace(INERTIA, gravity=20 * G)
+    for record in simulate_records(true, ELASTICITY, np.geomspace(3, 30, 8)):
+        noise = 0.1 * np.abs(record.tau_Nm).max(axis=0) * rng.normal(size=record.tau_Nm.shape)
+        records.append(replace(record, tau_Nm=record.tau_Nm + noise))
+    given = replace(true, gravity=wrong * true.gravity)
+    of = {
+        std: identify_elasticity(
+            extract_phasors(records), given, method="maximum-likelihood", inertia_std=std
+        )
+        for std in (0.05, 0.0)
+    }
+    fit, exact = of[0.05], of[0.0]
+    off = np.abs(fit.estimate - [*ELASTICITY.K, *ELASTICITY.D])
+    assert np.all(off < 3.5 * fit.standard_error)
+    assert np.all(fit.standard_error[:2] < 0.004 * fit.K)
+    np.testing.assert_allclose(fit.inertias[0].gravity, true.gravity, rtol=0.03)
+    np.testing.assert_array_equal(exact.inertias[0].gravity, given.gravity)
+    assert (exact.misfit < 2) == (wrong == 1)

@@ -573,3 +573,18 @@ def test_wide_bands_of_many_joints_have_short_segments(joints: int, seconds: flo
         each.duration_s for each in motion_phasors([record], np.ones((1, joints))).segments if each
     ]
     np.testing.assert_allclose(lengths, seconds, rtol=0.08)
+
+
+@pytest.mark.parametrize("heavier", [1.0, 1.02])
+def test_inertias_given_as_exact_are_checked_by_a_fit_with_free_ones(heavier: float) -> None:
+    """The noise of motions is that of the residual: with M2 2 % wrong, K was 20 errors off unseen."""
+    friction, measured = MotorFriction([0.1, 0.02]), Measurement(2**16, torque_noise_Nm=0.01)
+    motion = Motion("random", 3.0, 30.0, 5.0)
+    records = simulate_motion(
+        ROBOT, SPRINGS, motion, controller=CONTROL, friction=friction, measurement=measured, seed=1
+    )
+    given = Inertia(ROBOT.M, ROBOT.M2 * [[heavier, 1.0], [1.0, 1.0]])
+    fit = identify_motion(records, given, inertia_std=0.0)
+    assert fit.contradicts_inertias == (heavier > 1)
+    off = np.abs(fit.K - SPRINGS.K) / fit.standard_error[:2]
+    assert (off.max() < 3.5) == (heavier == 1)

@@ -1155,3 +1155,22 @@ def test_beside_a_very_large_misfit_no_dependence_on_the_amplitude_is_stated() -
     analysis = analysed(records, method="maximum-likelihood")
     assert not said(analysis.findings, "with the deflection"), titles(analysis)
     assert analysis.state == "not usable"
+
+
+@pytest.mark.parametrize(("harmonic", "named"), [(2, True), (3, False)])
+def test_even_harmonics_alone_are_named_as_the_cause_of_a_misfit(harmonic: int, named: bool) -> None:
+    """Arms make them in large motions: six axes without encoder noise had a warning without a cause."""
+    inertia = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
+    elasticity, rng = Elasticity([20.0, 3.5], [0.1, 0.015]), np.random.default_rng(0)
+    records = []
+    for record in simulate_records(inertia, elasticity, np.geomspace(3, 30, 4)):
+        size = np.abs(record.tau_Nm).max(axis=0)
+        turns = 2 * np.pi * harmonic * record.frequency_hz * record.time_s[:, None]
+        added = size * (0.002 * np.sin(turns) + 0.01 * rng.normal(size=record.tau_Nm.shape))
+        records.append(replace(record, tau_Nm=record.tau_Nm + added))
+    found = analyse(Study(records, inertia, inertia_std=0.0))
+    assert np.all(np.abs(found.fit.K / elasticity.K - 1) < 0.01)
+    assert found.fit.misfit > 3
+    assert (found.fit.odd_misfit < 1.5) == named
+    (warning,) = (each for each in found.findings if each.level == "warning")
+    assert ("Only the even harmonics exceed the noise" in warning.remedy) == named

@@ -42,7 +42,7 @@ def two_joints(**parts: Any) -> Any:
     """A fit of two joints with errors of one per cent, or with other parts."""
     usual = {"n": 2, "estimate": np.array([20.0, 4.0, 0.1, 0.02]), "inflation": 1.0, "method": "auto"}
     usual |= {"misfit": 1.0, "friction": None, "delay": None, "prior": None, "delay_error": None}
-    usual |= {"parameters": case(layout={})}
+    usual |= {"parameters": case(layout={}), "odd_misfit": np.inf, "contradicts_inertias": False}
     fit = case(**{**usual, **parts})
     fit.K, fit.D = np.split(fit.estimate, 2)
     for name in ("standard_error", "noise_error"):
@@ -739,23 +739,30 @@ def test_a_search_with_free_inertias_follows_a_fit_that_explains_most(
 
 
 @pytest.mark.parametrize(
-    ("motions", "std", "effect", "searches"),
+    ("motions", "std", "effect", "contradicted", "searches"),
     [
-        (True, 0.0, "gravity", True),
-        (True, 0.0, "lag", True),
-        (True, 0.0, "viscous", False),
-        (True, 0.05, "gravity", False),
-        (False, 0.0, "gravity", False),
+        (True, 0.0, "gravity", False, True),
+        (True, 0.0, "lag", False, True),
+        (True, 0.0, "viscous", False, False),
+        (True, 0.0, "viscous", True, True),
+        (True, 0.05, "gravity", False, False),
+        (False, 0.0, "gravity", False, False),
     ],
 )
 def test_effects_beside_exact_inertias_of_motions_are_tried_without_these(
-    monkeypatch: pytest.MonkeyPatch, motions: bool, std: float, effect: str, searches: bool
+    monkeypatch: pytest.MonkeyPatch,
+    motions: bool,
+    std: float,
+    effect: str,
+    contradicted: bool,
+    searches: bool,
 ) -> None:
     """A gear ratio 3 % too large gave K 4.5 % or 8 standard errors off, and no warning."""
     given = Inertia([0.1, 0.1], np.eye(2), shared=0.1 * np.eye(2))
     prior = InertiaPrior.of(given, 3, 2, inertia_std=std)
     heavier = (Inertia([0.1, 0.1], 1.1 * np.eye(2)),) * 3
     fit = two_joints(misfit=1.0, prior=prior, inertias=heavier, parameters=case(layout={effect, "M2"}))
+    fit.contradicts_inertias = contradicted
     asked: list[InertiaPrior] = []
     monkeypatch.setattr(rules_inertia, "_refitted", lambda _, prior, misfit: asked.append(prior))
     found = rules_inertia.judged(case(fit=fit, has_motions=motions))

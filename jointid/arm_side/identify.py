@@ -143,8 +143,7 @@ def _identified(
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n
     mean: Floats = np.zeros(4)
-    skew_error = np.full(robot.n, np.inf)
-    settled = False
+    skew_error, settled = np.full(robot.n, np.inf), False
     for round_ in range(_MOST_ROUNDS):
         last = round_ == _MOST_ROUNDS - 1 or (settled and round_ >= _ROUNDS - 1)
         both = [joint_torque(m, robot, e) for m, e in zip(motions, elastic, strict=True)]
@@ -156,7 +155,8 @@ def _identified(
                 faults = [f or scale_fault(j, *of_record) for j, f in enumerate(faults)]
             motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
         parts = [torque_std * each for each in parts]
-        motors = payload_from_motors(given, motions, robot, torque_std, torque, payload, parts, mean)
+        known = given, motions, robot, torque_std, torque, payload, parts, mean
+        motors = payload_from_motors(*known, zeros=last and jackknife)
         torque, mean = [t + p @ motors.mean for t, p in zip(torque, payload, strict=True)], motors.mean
         payload = [p @ motors.root for p in payload]
         data, checked = (given, motions, torque, payload), round_ > 0 and jackknife

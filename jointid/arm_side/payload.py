@@ -1,6 +1,6 @@
-"""The payload from the motor torques: a prior for the deflection's equations."""
+"""The payload from the motor torques, a prior for the deflection's equations; zeros of the angles."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,12 @@ _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
 """Deviation of the torque's scale, in its standard deviations, and part of a torque's variation without
 explanation (rms) from which motors contradict the model. Real motors leave 0.01 to 0.03; exchanged or
 reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
-_ROUNDS = 3
+_ZERO_STD = 0.5
+"""Prior standard deviation of the zero of a joint angle, rad."""
+_MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
+"""Error of a zero that shifts K noticeably, and in its standard deviations, from which it is reported:
+up to 0.01 rad and 2.5 with links whose masses, inertias and centres are 5 % wrong; 1.0 in a real log."""
+_ROUNDS, _STEP_RAD = 3, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,16 @@ class MotorTorques:
     joint hardly moves."""
     left: Floats
     """Part of its variation that neither model nor friction explain (rms), shape (n,); NaN likewise."""
+    zero: Floats
+    """Angle to add to each logged joint angle, by these torques, (n,), rad; 0 where not estimated."""
+    zero_std: Floats
+    """Its standard deviation, shape (n,), rad; infinite where not estimated."""
+
+    @property
+    def misplaced(self) -> Floats:
+        """Angles to add to the logged ones, then their standard deviations, (2, n); NaN without need."""
+        off = np.abs(self.zero) > np.maximum(_MISPLACED_RAD, _SURELY_MISPLACED * self.zero_std)
+        return np.where(off, [self.zero, self.zero_std], np.nan)
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
@@ -60,8 +75,9 @@ def payload_from_motors(
     payload: list[Floats],
     parts: list[Floats],
     near: Floats,
+    zeros: bool = False,
 ) -> MotorTorques:
-    """Estimate the payload's standardised parameters.
+    """Estimate the payload's standardised parameters and, with ``zeros``, the zeros of the joint angles.
 
     Each joint's motor torque, without its rotor, is the torque of links and payload times a scale
     near 1, plus Coulomb, viscous and load-dependent friction. The rotor's torque, every link, the
@@ -70,9 +86,61 @@ def payload_from_motors(
     gravity. Of every record, ``torque``, shape (N, n), N·m, is that of the model with the payload as
     given; ``payload``, shape (N, n, 4), and ``parts``, shape (N, n, n + 1), its change per standard
     deviation of the payload, of every link and of the counterbalance. ``near``, shape (4,), is the
-    estimate so far: the torque constant scales the payload's torque as well.
+    estimate so far: the torque constant scales the payload's torque as well. The payload is estimated
+    with the zeros as given: fitted zeros would widen its error where they are correct.
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
+    data = records, motions, robot, torque_std, torque
+    shared, scale, left = _estimated(*data, payload, parts, near, np.ones(4))
+    root = np.linalg.cholesky((shared.covariance + shared.covariance.T) / 2)
+    unknown = np.zeros(robot.n), np.full(robot.n, np.inf)
+    found = MotorTorques(shared.mean, np.asarray(root, float), scale, left, *unknown)
+    if not zeros:
+        return found
+    start, std = np.append(near, np.zeros(robot.n)), np.repeat([1.0, _ZERO_STD], [4, robot.n])
+    load = float(near[0])
+    for _ in range(2):  # a wrong zero passes for another payload, whose torque it also turns
+        mass = max(0.0, robot.payload.mass + robot.payload.mass_std * load)
+        turned = [_by_zeros(robot.with_payload(mass=mass), m) for m in motions]
+        both = [np.concatenate(each, axis=2) for each in zip(payload, turned, strict=True)]
+        shared, _, _ = _estimated(*data, both, parts, start, std)
+        load = float(shared.mean[0])
+    return replace(found, zero=shared.mean[4:], zero_std=np.sqrt(np.diag(shared.covariance)[4:]))
+
+
+def _by_zeros(robot: RobotModel, motion: BandLimited) -> Floats:
+    """Change of the torques with the zero of each joint angle, shape (N, n, n), N·m/rad."""
+    both = [
+        [robot.torque(motion.q + side * one, motion.dq, motion.ddq) for side in (_STEP_RAD, -_STEP_RAD)]
+        for one in np.eye(robot.n)
+    ]
+    return np.stack([(ahead - back) / (2 * _STEP_RAD) for ahead, back in both], axis=2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    """Unknowns that all joints share: mean (S,) and covariance (S, S)."""
+
+    mean: Floats
+    covariance: Floats
+
+
+def _estimated(
+    records: list[MotionRecord],
+    motions: list[BandLimited],
+    robot: RobotModel,
+    torque_std: float,
+    torque: list[Floats],
+    shared: list[Floats],
+    parts: list[Floats],
+    near: Floats,
+    prior_std: Floats,
+) -> tuple[_Shared, Floats, Floats]:
+    """Estimate S unknowns that all joints share, and the scale and unexplained part of each torque.
+
+    ``shared``, shape (N, n, S), are the torques per unit of them; ``near``, shape (S,), the values with
+    which ``torque`` was computed; ``prior_std``, shape (S,), their prior standard deviations.
+    """
     back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])
     inertia = np.nan_to_num(robot.rotor_inertia)  # 0 where it is unknown
     rotor = [np.asarray(inertia * (m.ddq @ back.T) @ back) for m in motions]
@@ -81,12 +149,14 @@ def payload_from_motors(
         for record, m, own in zip(records, motions, rotor, strict=True)
     ]
     gravity = torque_std * np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
-    opinions: list[tuple[Floats, Floats]] = [(np.eye(4), np.zeros(4))]
+    count = prior_std.size
+    prior = np.diag(prior_std**-2.0)
+    opinions: list[tuple[Floats, Floats]] = [(prior, np.zeros(count))]
     scale, left = np.full((2, robot.n), np.nan)
     for j in range(motor[0].shape[1]):
         y, columns, spans = [], [], []
         for m, tau, spin, model, change, own in zip(
-            motions, motor, rotor, torque, payload, parts, strict=True
+            motions, motor, rotor, torque, shared, parts, strict=True
         ):
             dt, band = m.lowpass.interval_s, m.lowpass.band_hz
             slower = GaussianFilter(dt, band * (_SLOWER**-2 - 1) ** -0.5)
@@ -103,8 +173,8 @@ def payload_from_motors(
         data = Regression(np.concatenate(y), np.concatenate(columns))
         if data.y.size < 40:
             continue
-        own_place = parts[0].shape[2] + 6
-        std = np.r_[np.ones(own_place), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
+        own_place = count + parts[0].shape[2] + 2
+        std = np.r_[prior_std, np.ones(own_place - count), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         noise = float(data.y.std())
         lags = int(_MEMORY_S * 8 * motions[0].lowpass.band_hz)
@@ -115,11 +185,11 @@ def payload_from_motors(
         own_torque = data.columns[:, own_place]
         scale[j] = 1 + fitted.beta[own_place]
         left[j] = data.residual(fitted).std() / max(1e-9, float((data.y + own_torque).std()))
-        seen = std[:4] > 0
-        information = np.zeros((4, 4))
-        information[np.ix_(seen, seen)] = np.linalg.inv(fitted.covariance[:4, :4][np.ix_(seen, seen)])
-        alone = information - np.diag(seen * 1.0)
-        opinions.append((alone, information @ fitted.beta[:4] + alone @ near))
+        seen = std[:count] > 0
+        information, of_seen = np.zeros((count, count)), np.ix_(seen, seen)
+        information[of_seen] = np.linalg.inv(fitted.covariance[:count, :count][of_seen])
+        alone = information - prior * seen
+        opinions.append((alone, information @ fitted.beta[:count] + alone @ near))
     information = np.sum([A for A, _ in opinions], axis=0)
     mean = np.asarray(np.linalg.solve(information, np.sum([b for _, b in opinions], axis=0)), float)
     # joints that contradict each other are all less certain than their noise (Birge's ratio)
@@ -128,8 +198,7 @@ def payload_from_motors(
     for A, b in opinions[1:]:
         precision, right = precision + A / max(1.0, excess), right + b / max(1.0, excess)
     covariance = np.linalg.inv(precision)
-    root = np.linalg.cholesky((covariance + covariance.T) / 2)
-    return MotorTorques(np.asarray(covariance @ right), np.asarray(root, float), scale, left)
+    return _Shared(np.asarray(covariance @ right), np.asarray(covariance)), scale, left
 
 
 def _distance(information: Floats, right: Floats, mean: Floats) -> float:

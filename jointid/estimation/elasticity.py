@@ -88,6 +88,10 @@ class ElasticityFit:
     the misfit of the fundamental."""
     fundamental: tuple[float, float] = (1.0, 0.0)
     """Misfit of the fundamentals, and their degrees of freedom (0 for linear estimators)."""
+    odd_misfit: float = np.inf
+    """Misfit of the odd harmonics of sines, the fundamentals among them; infinite where not known."""
+    contradicts_inertias: bool = False
+    """Whether other inertias explain motions far better than those given as exact."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
@@ -214,6 +218,7 @@ def likelihood_fit(
         candidates=choice.candidates,
         inertias=estimate.inertias,
         fundamental=estimate.fundamental,
+        odd_misfit=estimate.odd_misfit,
         torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
         prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
         choice_error=np.sqrt(np.diag(choice.spread)),

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
@@ -16,12 +17,16 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
-from jointid.estimation.model_selection import FAR
+from jointid.estimation.model_selection import FAR, LOOSE
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
+_CHANCE = 1e-6
+"""Probability of a lower cost with other inertias by noise alone, that contradicts them."""
+_MATTERS = np.array([[1e-3], [1e-2]])
+"""Relative change of K and D by other inertias that matters: motions without noise show less."""
 SAME, SAME_OF_MANY = 0.1, 0.3
 """Relative change of the variances above which the models are compared again; the second for many
 equations, whose noise is already that of the chosen model."""
@@ -198,3 +203,24 @@ def _fit_from(
             if richer.misfit < _FAR_BETTER * found.misfit:
                 best = late, richer
     return best
+
+
+def contradicts_inertias(
+    phasors: Phasors, prior: InertiaPrior, estimate: LikelihoodEstimate, noise: Noise, model: Model
+) -> bool:
+    """Whether other inertias explain motions far better than those given as exact.
+
+    The noise of motions is that of the residual, so that no misfit shows wrong inertias.
+    """
+    if prior.inertia_std != 0:
+        return False
+    loose = replace(prior, inertia_std=LOOSE)
+    try:
+        free = fit_model(phasors, loose, estimate.named, noise, model, is_near=True)
+    except JointIdError:
+        return False
+    added = sum(value.size for value, _ in loose.blocks().values())
+    gain = 2 * (estimate.cost - free.cost) / max(1.0, free.misfit)
+    change = np.abs(free.elasticity / estimate.elasticity - 1).reshape(2, -1)
+    matters = bool(np.any(change > _MATTERS))
+    return matters and bool(chdtrc(added, max(gain, 0.0)) < _CHANCE)

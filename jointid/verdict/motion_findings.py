@@ -28,7 +28,7 @@ from jointid.verdict.rules_records import (
     is_clipped,
 )
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import counted, joints_text, percent, significant
+from jointid.wording import counted, enumerated, joints_text, minus, percent, significant, with_error
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest and relative standard error of K from which a joint is reported."""
@@ -45,6 +45,11 @@ _IN_MODEL = (
 _CHECK_MODEL = (
     "Check the order, signs and zeros of the joint angles, the order and unit of the torques, the unit "
     "of the time, the payload and the gear ratios."
+)
+_ZEROS = "The zero{} of {} look{} wrong"
+_CHECK_ZEROS = (
+    "Check the zeros of the joints in the robot model and in the log, the pose of the base (gravity), "
+    "and the payload."
 )
 _ARC_SECONDS = 180 / np.pi * 3600
 
@@ -162,17 +167,21 @@ def arm_side_findings(
     sensed: np.ndarray,
     left_out_rad: Floats,
     contradicted: np.ndarray,
+    misplaced: Floats,
 ) -> tuple[Finding, ...]:
     """Findings on K from sensors behind the gears: joints refused by reason, most important first.
 
     All shape (n,): K and its error, NaN where refused; the reasons; whether the joint has a sensor; the
     error of the deflection predicted for a record left out, NaN where not known; and whether the motor's
-    torque contradicts the robot model.
+    torque contradicts the robot model. ``misplaced``, (2, n), rad, are the angles to add to those
+    logged, according to these torques, and their standard deviations; NaN where the zero is right.
     """
     known, found = np.isfinite(K), []
     if known.any() and contradicted.any():
         title = _CONTRADICTED.format(joints_text(np.flatnonzero(contradicted) + 1))
         found.append(warning(title, _IN_MODEL, _CHECK_MODEL, 1.0 + K.size))
+    elif known.any() and np.isfinite(misplaced).any():
+        found.append(_wrong_zeros(*np.rad2deg(misplaced)))
     for reason in dict.fromkeys(filter(None, reasons)):
         joints = np.flatnonzero([text == reason for text in reasons])
         title = f"K of {joints_text(joints + 1)} is not determined"
@@ -197,6 +206,23 @@ def arm_side_findings(
         which = joints_text(np.flatnonzero(known) + 1)
         found.append(good(f"The sensors behind the gears determine K of {which}", detail))
     return tuple(sorted(found, key=lambda finding: -finding.weight))
+
+
+def _wrong_zeros(change_deg: Floats, std_deg: Floats) -> Finding:
+    """Joint angles whose zero differs from that of the robot model; both (n,), NaN where it is right."""
+    joints = np.flatnonzero(np.isfinite(change_deg))
+    changes = [
+        f"({minus(with_error(float(change_deg[j]), float(std_deg[j])))})° to the angle of joint {j + 1}"
+        for j in joints
+    ]
+    one = joints.size == 1
+    return warning(
+        _ZEROS.format("" if one else "s", joints_text(joints + 1), "s" if one else ""),
+        f"The motor torques fit the robot model best after adding {enumerated(changes)}. K of every "
+        "joint follows from the torque of the model at the logged angles.",
+        _CHECK_ZEROS,
+        1.0 + joints.size,
+    )
 
 
 def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Finding | None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from jointid.errors import JointIdError
+from jointid.estimation.candidates import EXPLAINED
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import LINEAR, least_squares
@@ -228,6 +229,22 @@ def distortion(evidence: Evidence, kind: str = "odd") -> float:
         return 0.0
     n = evidence.fit.n
     return float(np.where(content.significance > 4, getattr(content, kind), 0.0)[:, n:].max())
+
+
+def even_harmonics(evidence: Evidence) -> str:
+    """Remedy where only the even harmonics of sines exceed their noise; empty otherwise.
+
+    Friction and symmetric laws of a gear make odd ones; the dynamics of an arm are of second order.
+    """
+    fit = evidence.fit
+    if evidence.has_motions or not fit.odd_misfit <= EXPLAINED < fit.misfit:
+        return ""
+    return (
+        "Only the even harmonics exceed the noise; K and D follow mainly from the fundamentals. The "
+        "inertia and gravity of the arm change during the motion, which makes second harmonics: check "
+        "with half the amplitude. A gear that a constant torque loads on one side makes them as well: K "
+        "is then its local stiffness."
+    )
 
 
 def has_unmodelled_friction(evidence: Evidence) -> bool:

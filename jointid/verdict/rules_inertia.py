@@ -176,7 +176,7 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     """The fit with inertias or torque scales of its own, if it explains the data; exact ones stay."""
     fit = evidence.fit
     imitated = any(name in fit.parameters.layout for name in _IMITATIONS)
-    if evidence.has_motions and fit.prior.inertia_std == 0 and imitated:
+    if evidence.has_motions and fit.prior.inertia_std == 0 and (imitated or fit.contradicts_inertias):
         prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
         return _refitted(evidence, prior, fit.misfit)
     if "M2" in fit.parameters.layout:

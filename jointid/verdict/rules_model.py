@@ -24,7 +24,7 @@ from jointid.verdict.evidence import (
     times_noise,
     warning,
 )
-from jointid.verdict.rules_causes import distortion, half_a_sample
+from jointid.verdict.rules_causes import distortion, even_harmonics, half_a_sample
 from jointid.wording import counted, enumerated, percent
 
 EXPLAINED = 3.0
@@ -167,7 +167,8 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     finding = make(
         "The model does not explain the data" if make is problem else MODEL_LIMITS,
         f"{left}.{odd_record}",
-        hold or (_ONE_SIDED if loaded else _usual_cause(evidence, odd_record)),
+        hold
+        or (_ONE_SIDED if loaded else even_harmonics(evidence) or _usual_cause(evidence, odd_record)),
         float(relative(fit.standard_error, fit.estimate).max()),
         "edit mapping" if hold else "edit runs" if changes else "",
         *hold_changes,

@@ -19,7 +19,13 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import LOST, minimised, penalty
+from jointid.estimation.estimators.levenberg_marquardt import (
+    LOST,
+    Gravity,
+    minimised,
+    penalty,
+    with_gravity,
+)
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
@@ -67,6 +73,8 @@ class LikelihoodEstimate(Estimate):
     """Cost of the prior, beside ``cost`` of the data."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, and their degrees of freedom."""
+    odd_misfit: float
+    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
     repeated: float
     """Variance of errors that repeat in every period of a motion, times the further periods, over that
     of the noise."""
@@ -137,7 +145,7 @@ def maximum_likelihood(
         if costs[0] > _SETTLED * costs[1]:
             break
     problem = with_law_noise(problem, p)
-    fitted = WhitenedResidual.of(problem, p, scale)
+    problem, p, fitted = with_gravity(problem, p, WhitenedResidual.of(problem, p, scale), normal)
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
@@ -175,13 +183,15 @@ def maximum_likelihood(
         misfit = Misfit.of(WhitenedResidual.of(problem, p), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
-    covariance = widened_covariance(fitted, covariance, by_prior) + repeated
+    gravity = Gravity.of(fitted, covariance)
+    of_gravity = np.zeros_like(covariance) if gravity is None else gravity.covariance()
+    covariance = widened_covariance(fitted, covariance, by_prior) + repeated + of_gravity
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
         covariance=covariance,
         rests_in_noise=fitted.projection.complement is not None,
-        prior_covariance=by_prior,
+        prior_covariance=by_prior + of_gravity,
         cost=misfit.cost,
         penalty=penalty(problem, p),
         expected_cost=misfit.expected_cost,
@@ -190,6 +200,7 @@ def maximum_likelihood(
         repeated=share,
         inflation=max(1.0, first.fundamental[0]),
         fundamental=misfit.fundamental,
+        odd_misfit=misfit.odd,
         inertias=tuple(
             prior.inertias(
                 problem.rotor_inertia(named), problem.arm_inertia(named), problem.gravity(named)
@@ -216,6 +227,8 @@ class Misfit:
     gets less where its misfit is significant."""
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, corrected for the parameters, and their degrees of freedom."""
+    odd: float
+    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
 
     @classmethod
     def of(cls, residual: WhitenedResidual, p: Floats, normal: Floats) -> Misfit:
@@ -232,6 +245,7 @@ class Misfit:
         left = left if left >= 1 else 0.0
         by_harmonic[main] = by_harmonic[main] * measured / left if left else 1.0
         fundamental = float(by_harmonic[main] @ rows) / measured if measured else 1.0
+        odd = every if problem.ends is not None else np.where(np.arange(every.size) % 2, 0.0, every)
         worse = by_harmonic > 1
         if problem.ends is not None:
             worse &= chdtrc(every, by_harmonic * every) < _CHANCE
@@ -241,6 +255,7 @@ class Misfit:
             rank=rank,
             scale=np.where(worse, by_harmonic, 1.0)[problem.group],
             fundamental=(fundamental, left),
+            odd=float(by_harmonic @ odd) / max(float(odd.sum()), 1.0),
         )
 
 

@@ -226,6 +226,13 @@ class Residual:
             J[..., layout[name]] += self.X @ slopes[name]
         return J
 
+    def by_gravity(self, smooth: Complexes) -> Complexes:
+        """∂r by the lower elements of the gravity stiffness of each pose, shape (r, H, n, e)."""
+        q = self._before_filter(smooth) - free_deflection(self.problem, self.p)
+        through = gear_torque(self.X, self.arm, q, self.law) - self.law[1]
+        angle = (self.arm @ through[..., None])[..., 0]
+        return -self.problem.prior.by_elements(np.asarray(self.X @ self.arm), angle)
+
     def _by_laws(self, smooth: Complexes, stiffness: _By, own: _By, turned: _By) -> _By:
         """Derivatives of w by the parameters, each (r, H, n, c).
 
