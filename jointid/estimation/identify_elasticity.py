@@ -10,9 +10,14 @@ from jointid.arrays import Complexes
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.elasticity import ElasticityFit, likelihood_fit, made_fit
-from jointid.estimation.estimators.balance import balance, noise_of, wind_up
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.joint_equations import SpringEquations, spring_equations
+from jointid.estimation.estimators.joint_equations import (
+    SpringEquations,
+    balance,
+    noise_of,
+    spring_equations,
+    wind_up,
+)
 from jointid.estimation.estimators.linear_fit import LINEAR, Estimate, prior_covariance, weighted
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.parameters import Parameters

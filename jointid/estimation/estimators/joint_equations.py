@@ -6,11 +6,13 @@ With the motor phasors q and τ and s = iω, the second derivative of the joint 
 
 and that of the joint torques is b = s²τ − M s⁴q (11). K and D are diagonal, so that equation (8)
 separates into one complex equation per joint and record, (K_j + iωD_j) a_j = b_j.
+
+Torques through the gears and their deflections are linear functions of the logged signals, too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -249,3 +251,30 @@ def inertia_arrays(phasors: Phasors, inertia: Inertia | Sequence[Inertia]) -> tu
             )
     arm = np.linalg.inv(dynamic_arm_inertia(phasors.omega, inertias))
     return np.array([each.M for each in inertias]), np.asarray(arm, float)
+
+
+def balance(own: Complexes, gain: Complexes) -> Complexes:
+    """Torque through the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
+    eye = np.eye(own.shape[2])
+    return np.concatenate([-own[..., None] * eye, gain[..., None] * eye], axis=3)
+
+
+def wind_up(of_torque: Complexes, arm: Complexes) -> Complexes:
+    """Deflection of the gears by angles and torques of the motors, shape (r, H, n, 2n)."""
+    found = -arm @ of_torque
+    for j in range(arm.shape[2]):
+        found[..., j, j] += 1
+    return np.asarray(found)
+
+
+def noise_of(rows: Iterable[Complexes], covariance: Complexes) -> Floats:
+    """Variances, each (r, H, n), of rows (r, H, n, 2n) times signals of a covariance (r, H, 2n, 2n)."""
+    return np.stack([((E @ covariance) * E.conj()).sum(axis=3).real for E in rows])
+
+
+def gear_torque(
+    X: Complexes, arm: Complexes, q: Complexes, law: tuple[Complexes, Complexes]
+) -> Complexes:
+    """Torque through the gears, X (q − w + A⁻¹P), shape (r, H, n)."""
+    w, P = law
+    return np.asarray((X @ (q - w + (arm @ P[..., None])[..., 0])[..., None])[..., 0])

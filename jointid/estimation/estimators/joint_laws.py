@@ -19,7 +19,7 @@ from functools import partial
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import wind_up
+from jointid.estimation.estimators.joint_equations import wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS, Parameters
 from jointid.gears.arm_friction import ArmFriction
 from jointid.gears.dahl import presliding_bins

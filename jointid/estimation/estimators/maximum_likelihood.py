@@ -17,15 +17,10 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
+from jointid.estimation.estimators.gravity_prior import Gravity, with_gravity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
-from jointid.estimation.estimators.levenberg_marquardt import (
-    LOST,
-    Gravity,
-    minimised,
-    penalty,
-    with_gravity,
-)
+from jointid.estimation.estimators.levenberg_marquardt import LOST, minimised, penalty
 from jointid.estimation.estimators.linear_fit import Estimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters

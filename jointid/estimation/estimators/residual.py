@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import balance, gear_torque
+from jointid.estimation.estimators.joint_equations import balance, gear_torque
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, Parameters
 from jointid.estimation.estimators.problem import (
     Problem,

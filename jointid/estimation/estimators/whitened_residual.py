@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
-from jointid.estimation.estimators.balance import balance, gear_torque, noise_of, wind_up
+from jointid.estimation.estimators.joint_equations import balance, gear_torque, noise_of, wind_up
 from jointid.estimation.estimators.parameters import GEAR_LAWS
 from jointid.estimation.estimators.problem import (
     Problem,
