@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jointid import JointIdError
+from jointid import Inertia, JointIdError
 from jointid.estimation import model_selection, motion_noise
 from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
 from jointid.estimation.model_average import _squares_by_orders
 from jointid.estimation.model_growth import _clear_parts
@@ -39,7 +40,7 @@ class Script:
         given = {
             "has_motions": False, "may_have_friction": True, "is_distorted": False, "first": (),
             "explains_little": False, "far": 10.0, "wrong": False, "contradicted": False, "few": 4,
-            "impossible": False,
+            "impossible": False, "wrong_inertias": False,
         }  # fmt: skip
         self.__dict__.update(given | facts)
         self.phasors = SimpleNamespace(omega=np.ones(4), z=None, covariance=None)
@@ -86,7 +87,8 @@ def searched(monkeypatch: pytest.MonkeyPatch, script: Script) -> list[str]:
     impossible = 1e3 if script.__dict__["impossible"] else 1.0
     monkeypatch.setattr(model_selection, "least_misfit", lambda *_: impossible)
     monkeypatch.setattr(model_selection, "_loosened", lambda _: None)
-    monkeypatch.setattr(model_selection, "_inertias_are_wrong", lambda *_: False)
+    wrong = script.__dict__["wrong_inertias"]
+    monkeypatch.setattr(model_selection, "_inertias_are_wrong", lambda *_: wrong)
     monkeypatch.setattr(model_selection, "_best", lambda search: search.step("best"))
     monkeypatch.setattr(model_selection, "with_best_orders", lambda _, best: best)
     other = Script(script.left.get("elsewhere", 1e9), {})
@@ -107,6 +109,8 @@ FAR_OFF = ["fit_first", "fit_periodic", "fit_regressed", "climb_from_nearest", "
         (50.0, {}, {"wrong": True}, ["fit_first", "given up"]),
         (9.0, {}, {"wrong": True}, NEAR),
         (5e3, {}, {"contradicted": True}, [*FAR_OFF, "chosen"]),
+        (50.0, {}, {"wrong_inertias": True}, ["fit_first", "chosen"]),
+        (5e3, {}, {"wrong_inertias": True}, ["fit_first", "fit_regressed", "chosen"]),
         (5e3, {"fit_laws": 3.0}, {"contradicted": True}, [*FAR_OFF, *NEAR[4:]]),
         (5e3, {}, {"few": 3}, ["fit_first", "fit_periodic", "searched in few"]),
         (99.0, {}, {"few": 3}, NEAR),
@@ -139,6 +143,48 @@ def test_steps_are_taken_while_no_model_comes_near_the_data(
     steps: list[str],
 ) -> None:
     assert searched(monkeypatch, Script(start, left, **facts)) == steps
+
+
+@pytest.mark.parametrize(
+    ("least", "loosened", "freest", "wrong"),
+    [
+        (60.0, 1.2, 55.0, True),
+        (60.0, 1.2, 1.3, False),  # a lag explains them with the inertias as given
+        (60.0, 4.0, 55.0, False),
+        (11.0, 1.2, 11.0, False),
+        (5e3, 40.0, 5e3, True),
+        (5e3, 60.0, 5e3, False),
+        (5e3, None, 5e3, False),
+    ],
+)
+def test_exact_inertias_are_wrong_where_free_ones_explain_far_more(
+    monkeypatch: pytest.MonkeyPatch, least: float, loosened: float | None, freest: float, wrong: bool
+) -> None:
+    search: Any = Script(least, {"fit": freest})
+    monkeypatch.setattr(model_selection, "freest", lambda *_: RIGID)
+    monkeypatch.setattr(Script, "fits", property(lambda self: SimpleNamespace(
+        least_misfit=self.misfit, optional=(),
+    )))  # fmt: skip
+    free: Any = None if loosened is None else SimpleNamespace(misfit=loosened, named="start")
+    assert model_selection._inertias_are_wrong(search, free) is wrong
+
+
+@pytest.mark.parametrize(("rows", "least", "std", "tried"), [
+    (26_000, 60.0, 0.0, True), (4_000, 60.0, 0.0, False), (26_000, 2.0, 0.0, False),
+    (4_000, 5e3, 0.0, True), (26_000, 60.0, 0.05, False),
+])  # fmt: skip
+def test_free_inertias_are_tried_far_off_and_with_many_equations_sooner(
+    monkeypatch: pytest.MonkeyPatch, rows: int, least: float, std: float, tried: bool
+) -> None:
+    fits = SimpleNamespace(rows=rows, least_misfit=least, optional=())
+    prior = InertiaPrior.of(Inertia(np.ones(1), np.eye(1)), 1, 1, inertia_std=std)
+    search: Any = SimpleNamespace(
+        fits=fits, is_lost=least >= 100, has_motions=False, prior=prior, phasors=None, base=RIGID,
+        start=None, noise=None,
+    )  # fmt: skip
+    monkeypatch.setattr(model_selection, "freest", lambda *_: RIGID)
+    monkeypatch.setattr(model_selection, "fit_without_inertias", lambda *_: "fit")
+    assert (model_selection._loosened(search) is not None) is tried
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ _TRIED_LAWS = 2
 _INIMITABLE = 5e3
 """Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
 above the noise: they explain 99.5 % of its effect."""
-_MANY_ROWS = 10_000
+MANY_ROWS = 10_000
 """Equations, those of six joints in 33 records, from which one part is tried where the model explains
 the data, as beside a law of the gears: a fit takes seconds."""
 
@@ -146,7 +146,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
-    if explained and (model.is_slow or fits.rows > _MANY_ROWS):
+    if explained and (model.is_slow or fits.rows > MANY_ROWS):
         tried = tried[:1]
     if search.has_motions and model.is_slow:
         tried = tried[:_TRIED_LAWS]
@@ -269,7 +269,7 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
     widens the errors.
     """
     found, is_slow = search.fits.estimate(model), model.with_part(part).is_slow
-    if found is None or not (is_slow or search.fits.rows > _MANY_ROWS):
+    if found is None or not (is_slow or search.fits.rows > MANY_ROWS):
         return True
     if not search.may_explain(model, part):
         return False

@@ -40,7 +40,7 @@ from jointid.estimation.model_climb import (
     fit_regressed,
 )
 from jointid.estimation.model_fits import fit_without_inertias, freest, start_with_friction
-from jointid.estimation.model_growth import NEARLY_ALL, exchanged, grown, narrowed
+from jointid.estimation.model_growth import MANY_ROWS, NEARLY_ALL, exchanged, grown, narrowed
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.periodic_effects import fit_periodic, with_best_orders
 from jointid.estimation.start_values import at_resonances
@@ -51,8 +51,8 @@ from jointid.phasors.passivity import least_misfit
 LOOSE = 0.3
 """Relative standard deviation with which inertias that are given as exact are fitted for comparison."""
 _BETTER, _FAR_BETTER = 0.1, 0.01
-"""Ratio of misfits from which other start values are better, and from which no further ones are tried
-and free inertias in place of exact ones are better."""
+"""Ratio of misfits from which other start values are better, and from which no further ones are tried;
+the same of free inertias in place of exact ones, near the data and far from them."""
 _LEFT = 0.03
 """Score over the cost of the last model from which complete models are fitted: up to 0.03 beside linear
 gears with friction, 0.05 and more where the growth has missed a law."""
@@ -63,8 +63,7 @@ FAR = 10.0
 _LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
 """Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
 one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
-0.06 %. The second holds for presliding where friction also varies with speed: Dahl is a rough model
-then."""
+0.06 %. The second holds for presliding where friction varies with speed: Dahl's model is rough then."""
 _LAW_ACCURACY = np.array([2e-4, 1e-3])
 """Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low.
 The same of a friction curve by its five parts."""
@@ -135,7 +134,6 @@ def choose_model(
         excluded.add("motor_presliding")
     parts = ("friction",) * (not friction) + ("delay",) * (not delay)
     parts += tuple(name for name in EFFECTS if name not in excluded)
-    optional = () if exactly else parts
     rows = 2 * int(np.count_nonzero(phasors.harmonics[..., : phasors.n]))
     search = Search(
         phasors,
@@ -143,7 +141,7 @@ def choose_model(
         linear,
         noise,
         Model(0.0 if friction else None, delay, per_turn=per_turn),
-        Fits(optional, max(rows, 1)),
+        Fits(() if exactly else parts, max(rows, 1)),
         first=tuple(first),
         rejected=tuple(rejected),
         most=most,
@@ -151,7 +149,7 @@ def choose_model(
         gives_up=gives_up,
         gives_up_late=gives_up_late,
         is_repeated=earlier_misfit is not None,
-        may_be_periodic=(friction or "friction" in optional) and not (exactly or phasors.is_superposed),
+        may_be_periodic=(friction or "friction" in parts) and not (exactly or phasors.is_superposed),
     )
     if first and earlier_misfit is not None and earlier_misfit >= LOST:
         search.fit(first[0], linear)
@@ -180,7 +178,10 @@ def _searched(search: Search) -> Choice:
     if not search.fits.least_misfit < search.far and search.gives_up():
         return _given_up(search)
     loosened = _loosened(search)
-    if not search.has_motions and not _inertias_are_wrong(search, loosened):
+    wrong = _inertias_are_wrong(search, loosened)
+    if wrong and not search.is_lost:
+        return _choice(search, search.fits.least())
+    if not (wrong or search.has_motions):
         fit_periodic(search, min(search.fits.tried, key=search.fits.misfit))
     if search.is_lost and search.may_have_friction and search.is_distorted:
         climb_from_first(search)
@@ -231,7 +232,9 @@ def _given_up(search: Search) -> Choice:
 
 def _loosened(search: Search) -> LikelihoodEstimate | None:
     """Fit far from the data with free inertias in place of exact ones; None without such."""
-    if not search.is_lost or search.prior.inertia_std or search.has_motions:
+    # With many equations the search among other models takes minutes.
+    is_far = search.is_lost or (search.fits.rows > MANY_ROWS and search.fits.least_misfit > DOUBTFUL)
+    if not is_far or search.prior.inertia_std or search.has_motions:
         return None
     prior = replace(search.prior, inertia_std=LOOSE)
     model = freest(search.phasors, search.base, search.fits.optional)
@@ -240,11 +243,12 @@ def _loosened(search: Search) -> LikelihoodEstimate | None:
 
 def _inertias_are_wrong(search: Search, loosened: LikelihoodEstimate | None) -> bool:
     """Whether the inertias, given as exact, keep the models from the data."""
-    if loosened is None or not loosened.misfit < min(LOST, _FAR_BETTER * search.fits.least_misfit):
+    share, most = (_FAR_BETTER, LOST) if search.is_lost else (_BETTER, DOUBTFUL)
+    if loosened is None or not loosened.misfit < min(most, share * search.fits.least_misfit):
         return False
     model = freest(search.phasors, search.base, search.fits.optional)
     search.fit(model, loosened.named)  # heavy friction may have biased the others
-    return _FAR_BETTER * search.fits.least_misfit > loosened.misfit
+    return share * search.fits.least_misfit > loosened.misfit
 
 
 def _other_start(search: Search) -> Search:
@@ -283,8 +287,7 @@ def _best(search: Search) -> Model:
     if not search.is_lost and fits.misfit(fits.least()) > LOST:
         # The model that explains the data has an insignificant part: fit it without.
         search.pruned(min(fits.tried, key=fits.misfit))
-    best = fits.least()
-    lost = search.is_lost
+    best, lost = fits.least(), search.is_lost
     if lost:
         best = climbed(search, best)
     linear = [each for each in fits.tried if not each.is_slow and fits.estimate(each)]
@@ -301,8 +304,8 @@ def _best(search: Search) -> Model:
             best, before = exchanged(search, best), best
             if best == before:
                 break
-    found = fits.estimate(best)
-    if found and found.misfit > EXPLAINED and not (search.is_lost or search.is_full(best)):
+    is_open = not (search.is_lost or search.is_full(best))
+    if (found := fits.estimate(best)) and found.misfit > EXPLAINED and is_open:
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
         if highest > _LEFT * found.cost and not search.explains_little:
             further = replace(search, starts={}, slow_fits=0)
