@@ -70,7 +70,7 @@ class Inertia:
             M=rotor,
             M2=arm,
             added=known,
-            gravity=_symmetric("gravity", "stiffness of gravity", gravity, n, "N·m/rad"),
+            gravity=_symmetric("gravity", "gravity stiffness", gravity, n, "N·m/rad"),
             shared=_symmetric("shared", "change of M2", shared, n),
             shared_gravity=_symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
         )
@@ -339,4 +339,4 @@ def require_same_joints(inertia: Inertia, elasticity: Elasticity) -> None:
 def _require_positive(name: str, values: Floats, unit: str) -> None:
     if np.any(values <= 0):
         j = int(np.argmin(values))
-        raise JointIdError(f"{name}{j + 1} = {values[j]:g} {unit}: must be positive.")
+        raise JointIdError(f"{name}{j + 1} = {values[j]:g} {unit}: it must be positive.")

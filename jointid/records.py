@@ -123,7 +123,7 @@ class SineRecord(JointRecord, _OfOneFrequency):
     def __post_init__(self) -> None:
         frequency = float(finite_array("frequency_hz", self.frequency_hz, ndim=0))
         if frequency <= 0:
-            raise JointIdError(f"frequency_hz = {frequency:g} Hz: must be positive.")
+            raise JointIdError(f"frequency_hz = {frequency:g} Hz: it must be positive.")
         set_fields(self, frequency_hz=frequency)
         super().__post_init__()
         used, interval = self.time_s.size - self.start, self.interval_s

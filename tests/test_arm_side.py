@@ -406,7 +406,7 @@ def test_a_wrong_zero_of_a_joint_angle_is_found_in_the_motor_torques(joint: int)
     assert not np.isfinite(fit().motors.misplaced).any()
     doubted = with_reason("", misplaced=found)
     assert doubted.state == WITH_CARE
-    assert doubted.caution == f"Usable with care: The zero of joint {joint + 1} looks wrong."
+    assert doubted.caution == f"Usable with care: The zero position of joint {joint + 1} looks wrong."
     assert "adding (−" in doubted.findings[0].detail
 
 

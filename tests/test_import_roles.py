@@ -414,7 +414,8 @@ def test_objects_of_cia_402_are_thousandths_of_the_rated_torque() -> None:
         ("Drive 1.Torque actual value", [0, -120, 35], "‰", 'CiA 402\'s name "Torque actual value"'),
         ("Drive 1.Torque actual value", [0, -1.2, 3.5], "N·m", "not whole numbers"),
         ("Drive 1.Torque actual value", [0, 0, 0], "N·m", "not whole numbers"),
-        ("Drive 1.Torque", [0, -120, 35], "N·m", "names no unit"),
+        ("Drive 1.Torque", [0, -120, 35], "N·m", "may be raw values, such as ‰"),
+        ("Drive 1.Torque", [0, -12.5, 35], "N·m", "newton metres are assumed."),
     ],
 )
 def test_whole_numbers_of_a_torque_named_as_in_cia_402_are_thousandths(

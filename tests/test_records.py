@@ -78,7 +78,7 @@ BROKEN[17] = np.nan
         ({"time_s": TIME / 1000}, r"less than one period of 5 Hz \(0.2 s\).*unit of time"),
         ({"frequency_hz": 500.0}, "at or above half the sample rate"),
         ({"frequency_hz": 0.9}, "less than one period of 0.9 Hz"),
-        ({"frequency_hz": 0.0}, "frequency_hz = 0 Hz: must be positive"),
+        ({"frequency_hz": 0.0}, "frequency_hz = 0 Hz: it must be positive"),
         ({"frequency_hz": -5.0}, "must be positive"),
         ({"frequency_hz": np.nan}, "frequency_hz.*nan"),
         ({"torque_delay_s": np.inf}, "torque_delay_s.*inf"),

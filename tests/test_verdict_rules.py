@@ -1038,7 +1038,7 @@ def test_a_time_in_milliseconds_is_reported_with_the_record_length() -> None:
         ([1, 50], "left out: 50 in position or torque, or 7.07 in both", "All joints"),
         ([1, 1 / 50], "applied once too often: 50 in position or torque", "The sign"),
         ([1, -50], "The sign of the position or torque of joint 2 is reversed", "All joints"),
-        ([1, -1.14], "Inaccurate M and M2 are the likely cause of the factor's size", "left out"),
+        ([1, -1.14], "Inaccurate M and M2 are the likely cause of the size of the factor", "left out"),
         ([1, 1.14], "a torque in multiples of 0.877 N·m", "gear ratio"),
         ([4, 4.06], "a sample rate of 2.01 times the given one", "The sign"),
         ([4, 4.1], "left out", "sample rate"),
@@ -1056,7 +1056,7 @@ def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, u
     found = cause_findings._unknown_cause(factors, wrong, "", 1.0, "both")
     assert said in found.detail
     assert unsaid not in found.detail
-    assert ("both: position and torque belong" in found.detail) == ("gear ratio" in found.detail)
+    assert ("both: position and torque look" in found.detail) == ("gear ratio" in found.detail)
     assert found.title.endswith("all joints" if factors.all() and wrong.size == 2 else "joint 2")
 
 

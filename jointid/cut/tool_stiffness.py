@@ -1,7 +1,7 @@
 """Compliance of the tool point: how far a force moves the tool while the motors hold their angles.
 
 A force F at the tool turns the motors' side of the gears by x with (K + G) x = Cᵀ Jᵀ F, where J is the
-tool's Jacobian, C the gears (joint = C · motor) and G the stiffness of gravity; the tool then moves by
+tool's Jacobian, C the gears (joint = C · motor) and G the gravity stiffness; the tool then moves by
 J C x. With C = 1/N, the compliance J (N²K)⁻¹ Jᵀ is that of the stiffness at the joints.
 """
 

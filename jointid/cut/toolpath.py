@@ -58,7 +58,7 @@ class Toolpath:
         if duration.min() <= 0:
             piece = int(np.argmin(duration))
             raise JointIdError(
-                f"duration_s of piece {piece + 1} is {duration[piece]:g} s: must be positive."
+                f"duration_s of piece {piece + 1} is {duration[piece]:g} s: it must be positive."
             )
         if velocity[0].any() or velocity[-1].any():
             raise JointIdError("velocity_m_s must be zero at the first and the last knot: rest to rest.")

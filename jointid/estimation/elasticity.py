@@ -89,7 +89,7 @@ class ElasticityFit:
     fundamental: tuple[float, float] = (1.0, 0.0)
     """Misfit of the fundamentals, and their degrees of freedom (0 for linear estimators)."""
     odd_misfit: float = np.inf
-    """Misfit of the odd harmonics of sines, the fundamentals among them; infinite where not known."""
+    """Misfit of the odd harmonics of sines, including the fundamentals; infinite where not known."""
     contradicts_inertias: bool = False
     """Whether other inertias explain motions far better than those given as exact."""
     unseen_error: Floats | float = 0.0

@@ -45,7 +45,7 @@ class PoseFits:
 
     @property
     def spread(self) -> Floats:
-        """Largest less smallest estimate of each parameter over their mean, shape (2n,)."""
+        """Largest minus smallest estimate of each parameter over their mean, shape (2n,)."""
         range_, mean = np.ptp(self.estimates, axis=0), np.abs(self.estimates.mean(axis=0))
         none = np.where(range_ > 0, np.inf, 0.0)
         return np.asarray(np.divide(range_, mean, out=none, where=mean > 0))

@@ -160,10 +160,11 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
 }
 """Title, detail, remedy and action of hypotheses on all joints."""
 _SEEN = {
-    "torque": "the torque: it belongs to the other side of the gear, while the position is right; or "
-    "its unit is wrong.",
-    "angle": "the position: it belongs to the other side of the gear, while the torque is right.",
-    "both": "both: position and torque belong to the other side of the gear.",
+    "torque": "the torque: it looks measured on the other side of the gear, or in another unit, while "
+    "the position looks right.",
+    "angle": "the position: it looks measured on the other side of the gear, while the torque looks "
+    "right.",
+    "both": "both: position and torque look measured on the other side of the gear.",
 }
 
 
@@ -268,7 +269,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         causes = f"a gear ratio {how}: {', or '.join(gears)}; or {causes}"
         if side:
             causes += f" The coupling between the joints points to {_SEEN[side]}"
-    of_size = " of the factor's size" if sign else ""
+    of_size = " of the size of the factor" if sign else ""
     causes = f"{sign} The cause{of_size} may be {causes}"
     if ratios.max() < _MOST_OF_INERTIAS:
         title = title if sign else "A gear ratio, the unit of the torque, or M and M2 look wrong for"
@@ -276,7 +277,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
     if sign and ratios.max() < INACCURATE:
         title, causes = (
             f"The sign of {of} looks reversed, and M and M2 look inaccurate for",
-            (f"{sign} Inaccurate M and M2 are the likely cause of the factor's size."),
+            (f"{sign} Inaccurate M and M2 are the likely cause of the size of the factor."),
         )
     if wrong.size == factor.size > 1 and np.all(factor > 0) and np.ptp(np.log(factor)) < ALIKE:
         # Accelerations go with the square of time, in all joints alike.

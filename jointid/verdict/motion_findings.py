@@ -39,17 +39,17 @@ _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 it."""
 _CONTRADICTED = "The motor torques of {} contradict the robot model"
 _IN_MODEL = (
-    "Model, payload and friction do not explain these torques. K of every joint follows from the torque "
-    "of the model."
+    "Robot model, payload and friction do not explain these torques. K of every joint follows from the "
+    "torque of the robot model."
 )
 _CHECK_MODEL = (
-    "Check the order, signs and zeros of the joint angles, the order and unit of the torques, the unit "
-    "of the time, the payload and the gear ratios."
+    "Check the order, signs and zero positions of the joint angles, the order and unit of the torques, "
+    "the unit of the time, the payload and the gear ratios."
 )
-_ZEROS = "The zero{} of {} look{} wrong"
+_ZEROS = "The zero position{} of {} look{} wrong"
 _CHECK_ZEROS = (
-    "Check the zeros of the joints in the robot model and in the log, the pose of the base (gravity), "
-    "and the payload."
+    "Check the zero positions of the joints in the robot model (zero_deg in TOML) and in the log, the "
+    "pose of the base (gravity), and the payload."
 )
 _ARC_SECONDS = 180 / np.pi * 3600
 
@@ -219,7 +219,7 @@ def _wrong_zeros(change_deg: Floats, std_deg: Floats) -> Finding:
     return warning(
         _ZEROS.format("" if one else "s", joints_text(joints + 1), "s" if one else ""),
         f"The motor torques fit the robot model best after adding {enumerated(changes)}. K of every "
-        "joint follows from the torque of the model at the logged angles.",
+        "joint follows from the torque of the robot model at the logged angles.",
         _CHECK_ZEROS,
         1.0 + joints.size,
     )

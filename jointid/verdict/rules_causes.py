@@ -241,9 +241,9 @@ def even_harmonics(evidence: Evidence) -> str:
         return ""
     return (
         "Only the even harmonics exceed the noise; K and D follow mainly from the fundamentals. The "
-        "inertia and gravity of the arm change during the motion, which makes second harmonics: check "
-        "with half the amplitude. A gear that a constant torque loads on one side makes them as well: K "
-        "is then its local stiffness."
+        "inertia and gravity of the arm change during the motion, which causes second harmonics: repeat "
+        "a record at half the amplitude, and they fall to a quarter. A nonlinear gear under a constant "
+        "load causes them as well: K is then its tangent stiffness at that load."
     )
 
 

@@ -46,7 +46,7 @@ CUT_OFF = (
 )
 UNSIGNED = (
     "A logged torque has no sign",
-    "Log the torque with its sign: its size alone does not give K and D.",
+    "Log the torque with its sign: its magnitude alone does not determine K and D.",
 )
 _OPPOSITE = 0.02
 """Largest torque of one sign over that of the other from which a torque has both."""

@@ -29,7 +29,7 @@ class Gravity:
     precision: Floats
     """Information on u, with the parameters free, shape (p e, p e)."""
     gradient: Floats
-    """Of half the cost by u, shape (p e,)."""
+    """Gradient of half the cost with respect to u, shape (p e,)."""
 
     @classmethod
     def of(cls, residual: WhitenedResidual, covariance: Floats) -> Gravity | None:

@@ -182,7 +182,7 @@ class JointLaws:
         """Deflection of nonlinear gears, None of linear ones, from signals of shape (r, H, n).
 
         ``moved`` is the deflection by the motions of motor and arm, ``stiffness`` linear and dynamic;
-        ``arm`` are M2 and the stiffness of gravity of every pose, each (p, n, n), ``rotor`` is M, (n,).
+        ``arm`` are M2 and the gravity stiffness of every pose, each (p, n, n), ``rotor`` is M, (n,).
         """
         if not any(name in p.layout for name in GEAR_LAWS):
             return None

@@ -69,7 +69,7 @@ class LikelihoodEstimate(Estimate):
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, and their degrees of freedom."""
     odd_misfit: float
-    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
+    """Misfit of the odd harmonics, including the fundamentals; with motions that of all bins."""
     repeated: float
     """Variance of errors that repeat in every period of a motion, times the further periods, over that
     of the noise."""
@@ -223,7 +223,7 @@ class Misfit:
     fundamental: tuple[float, float]
     """Misfit of the fundamentals, corrected for the parameters, and their degrees of freedom."""
     odd: float
-    """Misfit of the odd harmonics, the fundamentals among them; with motions that of all bins."""
+    """Misfit of the odd harmonics, including the fundamentals; with motions that of all bins."""
 
     @classmethod
     def of(cls, residual: WhitenedResidual, p: Floats, normal: Floats) -> Misfit:

@@ -44,6 +44,7 @@ from jointid.importing.map.reasons import Reason
 from jointid.importing.map.unwrap import unwrapped
 
 _ALIKE = 0.9  # ratio of the ranges of two positions from which they move alike
+_RAW = 20.0  # range of whole numbers from which they may be raw values of a drive
 _Said = tuple[str, bool, str]
 """A guess, whether the file states it, and why."""
 _ODRIVE = re.compile(r"(?i)\bpos_(?:rel|abs|estimate)\b|odrive")
@@ -196,7 +197,11 @@ def _torque_unit(column: LogColumn) -> _Said:
     if named:
         why = f'"{named[0]}" is in thousandths in CiA 402, but these are not whole numbers'
         return "N·m", False, f"{why}; newton metres are assumed."
-    return "N·m", False, "The file names no unit; newton metres are assumed."
+    why = "The file names no unit; newton metres are assumed."
+    values = column.values[np.isfinite(column.values)]
+    if values.size and np.ptp(values) >= _RAW and np.all(values == np.round(values)):
+        why += " Whole numbers may be raw values, such as ‰ of the rated torque."
+    return "N·m", False, why
 
 
 def _side(role: str, pair: Pair) -> _Said:

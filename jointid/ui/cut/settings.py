@@ -166,7 +166,7 @@ def ask(robot: CutRobot, digest: str, unit: StiffnessUnit) -> CutSettings:
                 "The servo compensates friction",
                 key="cut_compensated",
                 bind="query-params",
-                help="In both cuts, with the exact friction.",
+                help="Applies to both cuts. The servo knows the friction exactly.",
             )
     friction = {"As identified": robot.friction, "None": None}.get(source)
     if source == "Custom":

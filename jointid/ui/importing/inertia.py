@@ -49,8 +49,8 @@ _UPLOADS = "import_toml_uploads"
 _CORRECTED = "The fit corrects them within the uncertainty stated below."
 _HELP = {
     "M": f"Motor side: the rotors' own inertias, from the data sheets of the motors. {_CORRECTED}",
-    "M2": "Motor side: divided by both gear ratios. Values on the joint side are divided by those of "
-    f"step 3. {_CORRECTED}",
+    "M2": "Motor side: divided by both gear ratios. Values on the joint side are divided by the gear "
+    f"ratios of step 3. {_CORRECTED}",
 }
 
 

@@ -35,7 +35,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     names = about["Name"]
     body = [row for row in rows[start:] if row.strip() != "EOF"]
     if not body or "Name" not in names:
-        raise JointIdError(f"{file} holds no samples with times: export the scope with its times.")
+        raise JointIdError(f"{file} holds no samples with times: export the recording with its times.")
     cells = body[0].split(separator)
     # A column headed by "Name" holds the times of the channels to its right.
     clocks = [k for k, name in enumerate(names) if name.strip() == "Name"]
