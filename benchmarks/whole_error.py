@@ -56,7 +56,7 @@ SILENT = 4.0
 """Standard errors."""
 NORMAL_95 = 1.95996
 ALARM = ("warning", "problem")
-HARDLY_KNOWN, MISSED = "poorly determined", "miss a resonance"
+HARDLY_KNOWN, MISSED = "poorly determined", "The frequencies miss"
 """Parts of the titles of findings that name missing records."""
 WELL_KNOWN = 0.01
 """Relative Cramér-Rao bound up to which "poorly determined" is a false alarm."""
