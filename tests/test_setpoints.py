@@ -242,9 +242,8 @@ def test_a_saved_file_holds_the_motion(name: str) -> None:
     expected[:, [2, 4]] += np.degrees(made.motion(found.time_s).position / RATIO)
     assert np.abs(found.position_deg - expected).max() < 1e-7
     for said in (
-        "NOT TESTED ON HARDWARE", "Study: Paper. Robot: cell 7.", "SAFETY", "ISO 10218",
-        "emergency stop", "Duration:", "gear ratios 100, -90", "CHECK", "joint 2 torque:", "LOG",
-        "record 8 (23 Hz): ",
+        "NOT RUN ON HARDWARE", "Study: Paper. Robot: cell 7.", "SAFETY", "ISO 10218", "emergency stop",
+        "Duration:", "gear ratios 100, -90", "CHECK", "joint 2 torque:", "LOG", "record 8 (23 Hz): ",
     ):  # fmt: skip
         assert said in found.head, said
 

@@ -377,7 +377,7 @@ class TestSetPoints:
         assert any("Save the set points (CSV)" in d.label for d in at.get("download_button"))
         # Simulated control exceeds the amplitudes of the plan, which exact following keeps.
         assert any("× the planned amplitude" in warning.value for warning in at.warning)
-        assert "NOT TESTED ON HARDWARE" in at.code[-1].value
+        assert "NOT RUN ON HARDWARE" in at.code[-1].value
         tab = at.tabs[1]  # the answer is above the table
         assert min(k for k, part in tab.children.items() if part.type == "table") > min(
             k

@@ -289,4 +289,4 @@ def setpoints(
         print_json({"written": [str(output)], "duration_s": experiment.duration_s, "check": check})
         return
     print_columns(check_table(points.rows), right=(2, 3, 4))
-    print(f"{output}: {output.stat().st_size} bytes. Not tested on hardware: read its header first.")
+    print(f"{output}: {output.stat().st_size} bytes. Not run on hardware: read its header first.")

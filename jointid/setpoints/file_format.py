@@ -95,7 +95,7 @@ def _head(points: SetPoints) -> Iterator[str]:
     robot, simulated, experiment = points.robot, points.simulated, points.simulated.experiment
     axes, rate_hz = _list(robot.axes), max(1e3 / points.interval_ms, 15 * experiment.highest_hz)
     yield from (
-        f"jointid {__version__}: set points of an experiment. NOT TESTED ON HARDWARE.",
+        f"jointid {__version__}: set points of an experiment. NOT RUN ON HARDWARE.",
         f"Study: {_one_line(points.study)}. Robot: {_one_line(robot.robot)}.",
         f"Joints of the study: axes {axes}, gear ratios {_list(robot.gear_ratio)}; others stand still.",
         f"Start and end pose (deg): {_list(robot.start_deg)}.",

@@ -162,7 +162,7 @@ def show_set_points(
         "torque at the motor. Each peak is the largest of set points, simulated control and exact "
         "following, for motors and arm. Peaks may exceed the planned amplitudes: the controller, ramps, "
         "friction, holding torque and, in a multisine, coinciding sine peaks add to them. "
-        "Not tested on hardware."
+        "Not run on hardware."
     )
     try:
         require_within_limits(points.rows, points.scale)
