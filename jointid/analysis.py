@@ -197,7 +197,11 @@ class Analysis(Answer):
         return elasticity_quantities(self.fit, self.unit)
 
     def limit_of_records(self, worst: Floats) -> str:
-        """Say that more records of the same kind do not help, see ``limit_of_records``."""
+        """Sentence that more records of the same kind do not help, and what does; empty otherwise.
+
+        ``worst`` is the largest relative standard error before the first and after each planned record,
+        shape (k + 1,).
+        """
         return limit_of_records(self.findings, self.fit, worst)
 
     @property

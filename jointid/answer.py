@@ -201,8 +201,8 @@ def without_curve(fit: ElasticityFit) -> str:
     if not names:
         return ""
     return (
-        f"No measured torsion curve of {enumerated(names)}: it needs motion above the resonance with "
-        "locked motors. The line is the fitted law up to the largest torque."
+        f"No measured torsion curve of {enumerated(names)}: it needs motion above the locked "
+        "resonance. The line is the fitted law up to the largest torque."
     )
 
 

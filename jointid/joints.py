@@ -180,7 +180,7 @@ def motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasticity) -
     """Transfer matrix from motor torque to motor acceleration, equation (16).
 
     Written with the compliance seen by the motors, S = M2⁻¹ + s²(K + sD)⁻¹, equations (5) and (6)
-    become H = S (I + M S)⁻¹: no division vanishes at ω = 0, where H = (M + M2)⁻¹, nor at a zero of H.
+    become H = S (I + M S)⁻¹: no denominator vanishes at ω = 0, where H = (M + M2)⁻¹, or at a zero of H.
 
     Parameters
     ----------

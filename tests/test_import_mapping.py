@@ -634,7 +634,7 @@ def test_a_guess_reports_a_single_turn_encoder() -> None:
     t = np.arange(500) * 1e-3
     guess = guess_mapping(table_of(t=t, q__deg=np.mod(400 * np.sin(9 * t), 360), tau=np.cos(t)))
     said = {r.what: r.text for r in guess.reasons}
-    assert "360 deg" in said["turns of position of joint 1"]
+    assert "360 deg" in said["wrap-around of position of joint 1"]
 
 
 # --- pairs of columns

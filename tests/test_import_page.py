@@ -267,7 +267,7 @@ class TestMapping:
         at = drop(page, ("cell.csv", "\r\n".join(lines).encode("latin-1")))
         assert widget(at, "number_input", "Joints").value == 1
         checks = [m.value for m in at.markdown if "To check" in m.value]
-        assert any('"Achse 2 Ist" has no torque beside it' in check for check in checks)
+        assert any('"Achse 2 Ist" has no matching torque' in check for check in checks)
         widget(at, "number_input", "Joints").set_value(2)
         at = shown(at.run())
         assert widget(at, "selectbox", "Position of joint 2").value == "Achse 2 Ist"

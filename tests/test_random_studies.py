@@ -109,6 +109,6 @@ def test_a_torque_that_is_constant_in_all_records_is_refused_by_name(level: floa
 def test_a_torque_that_is_constant_in_some_records_is_found_by_name() -> None:
     study = two_joints(np.zeros(3), constant=(False, True, False))
     found = [f for f in analyse(study).findings if "constant" in f.title]
-    assert [f.title for f in found] == ["The torque of joint 2 is constant in a record"]
+    assert [f.title for f in found] == ["The torque of joint 2 is constant in 1 of 3 records"]
     assert "run 2" in found[0].detail
     assert found[0].level == "problem"

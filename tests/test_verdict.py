@@ -481,7 +481,8 @@ def test_lag_of_the_torque_is_reported(delay_s: float, verb: str) -> None:
     assert "too" in lag.detail
     assert "torque_delay_s" in lag.remedy
     (change,) = lag.changes
-    assert f"add {1e3 * change.values[0]:.6g} ms to the torque's delay" in lag.remedy
+    step, to = ("add", "to") if delay_s > 0 else ("subtract", "from")
+    assert f"{step} {1e3 * abs(change.values[0]):.6g} ms {to} the torque's delay" in lag.remedy
     assert not said(findings(evidence(sound(), SERIAL, delay=True)), "The torque")
 
 

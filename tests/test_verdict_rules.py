@@ -135,13 +135,13 @@ def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
     fine = record(False, True, False, True)
     given = case(records=[fine, still, moves], fit=two_joints(), phasors=case(labels="abc"))
     found = list(rules_records.constant_torque(given))
-    assert [f.title for f in found] == ["The torque of joint 2 is constant in records"]
+    assert [f.title for f in found] == ["The torque of joint 2 is constant in 2 of 3 records"]
     assert found[0].detail.startswith("b and c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
     assert found[0].changes[0].records == (1, 2)
     (alone,) = rules_records.constant_torque(
         case(records=[moves], fit=two_joints(), phasors=case(labels="c"))
     )
-    assert alone.title.endswith("in a record")
+    assert alone.title.endswith("in 1 of 1 record")
     assert "leave this record out" in alone.remedy
     assert alone.changes == ()  # nothing would be left
 
@@ -152,7 +152,7 @@ def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
         (9.9, 0.1, ["note"], "is coarse for the smallest motion"),
         (10.1, 0.1, [], ""),
         (10.1, 0.49, [], ""),
-        (10.1, 0.51, ["note"], "dominates the noise"),
+        (10.1, 0.51, ["note"], "dominates the position noise"),
         (2.9, 0.1, ["warning"], "is coarse"),
         (3.1, 0.1, ["note"], "is coarse"),
     ],

@@ -44,7 +44,8 @@ def cut(
     """Simulate a cut with nominal and with identified K and D.
 
     The tool follows a rectangle; the table shows its largest path error before and after the
-    identification. For a robot model of six axes, it shows the deflection of the tool along the path.
+    identification. For a robot model of three or more axes, it shows the deflection of the
+    tool along the path.
     """
     from jointid.cut.outcome import millimetres, remaining_error_text
     from jointid.cut.path_deflection import has_own_path

@@ -82,7 +82,7 @@ class ElasticityFit:
     torsion_curves: tuple[TorsionCurve, ...]
     """Measured torque over deflection of every gear."""
     gears: tuple[Gear, ...]
-    """Laws of the gears, n of them; one that is not significant at a joint is left out."""
+    """Laws of the gears, one ``Gear`` per joint; laws that are not significant there are left out."""
     inflation: float = 1.0
     """Factor on the variances for the model's misfit, at least 1: ``misfit``, or with maximum likelihood
     the misfit of the fundamental."""

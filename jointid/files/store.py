@@ -132,7 +132,7 @@ class Store:
                 data, meta = file.with_suffix(".data").read_bytes(), read_entry(file)
             except (FileNotFoundError, *DAMAGED):
                 self.entries(workspace)  # sets it aside, when it is damaged
-                raise JointIdError("This is no longer in the store: open its file again.") from None
+                raise JointIdError("The entry is no longer in the store: open its file again.") from None
         if checksum(data) != meta.checksum:
             self.set_aside(workspace, entry, "its checksum is wrong")
             raise JointIdError(

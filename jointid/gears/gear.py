@@ -21,7 +21,7 @@ class Gear:
 
     With the deflection δ less the backlash, e = δ − clip(δ, ± backlash/2), the elastic torque is
     K e + cubic e³, plus the changes of slope to K2 at the torque T1 and to K3 at T2. Damping D δ̇ and
-    hysteresis (Dahl: dz/dδ = (1 − z sign δ̇)/presliding, torque ``hysteresis`` · z) come in addition.
+    hysteresis (Dahl: dz/dδ = (1 − z sign δ̇)/presliding, torque ``hysteresis`` · z) are added.
 
     Raises
     ------

@@ -215,8 +215,8 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     Returns
     -------
     Phasors
-        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), a delayed one by e^{-iωδ}, each harmonic at
-        its own frequency.
+        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), one with the delay d by e^{-iωd}, each
+        harmonic at its own frequency.
 
     Raises
     ------

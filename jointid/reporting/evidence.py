@@ -176,8 +176,8 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     yield Paragraph(
         f"{outcome.robot.meaning} The paper does not state "
         "geometry, inertias, zone sizes and non-optimal parameters: arm, corner zones and the "
-        "servo's values before are assumptions of this software or of the study. Both robots are "
-        "simulated.",
+        "servo's values before identification are assumptions of this software or of the study. "
+        "Both robots are simulated.",
         "quiet",
     )
 

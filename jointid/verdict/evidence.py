@@ -48,7 +48,7 @@ class Finding:
     """One statement of the verdict on the data or the answer, with its figures and a remedy."""
 
     level: str
-    """"problem" (the answer is unusable), "warning" (a doubt that the error bars may not include),
+    """"problem" (the answer is not usable), "warning" (a doubt that the error bars may not include),
     "good" (no action needed; states what limits the accuracy) or "note" (the answer accounts for it)."""
     title: str
     """The finding as a short sentence."""
@@ -123,7 +123,7 @@ def _finding(
 
 
 problem = partial(_finding, "problem", 100.0, 80.0)
-"""Return a finding that makes the answer unusable."""
+"""Return a finding that makes the answer not usable."""
 warning = partial(_finding, "warning", 10.0, 80.0)
 """Return a finding that changes the answer by ``effect``, relative, beyond the error bars."""
 note = partial(_finding, "note", 0.0, 4.0)

@@ -111,13 +111,15 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     samples = with_error(abs(lag) / interval, fit.delay_error / interval)
     remedy, changes = half_a_sample(evidence)
     rounded = _rounded(lag, fit.delay_error)
+    by_ms, by_s = _as_text(1e3 * abs(rounded)), _as_text(abs(rounded))
+    what, change, to = ("delay", "add", "to") if lag > 0 else ("lead", "subtract", "from")
     yield note(
         f"{title}, or there is {others}" if others else title,
         f"{CANNOT_TELL if others else ''}The {'lag' if lag > 0 else 'lead'} is {samples} samples; the "
         f"fit includes it. Without it, {elasticity_labels(fit.n)[worst]} would be {without}.",
         remedy
-        or f"If the drive has such a delay, add {_as_text(1e3 * rounded)} ms to the torque's delay on "
-        f"import, or {_as_text(rounded)} s to torque_delay_s under [timing] in study.toml.",
+        or f"If the drive has such a {what}, {change} {by_ms} ms {to} the torque's delay on "
+        f"import, or {by_s} s {to} torque_delay_s under [timing] in study.toml.",
         float(share[worst]),
         "edit mapping",
         *(changes or [Change("delay", values=(rounded,))]),

@@ -220,7 +220,8 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
         concerned = np.flatnonzero(constant[:, n + j] & ~constant[:, j])
         record = evidence.records[int(concerned[0])]
         one = concerned.size == 1
-        where, which = ("a record", "this record") if one else ("records", "these records")
+        which = "this record" if one else "these records"
+        where = f"{concerned.size} of {counted(len(constant), 'record')}"
         yield problem(
             f"The torque of joint {j + 1} is constant in {where}",
             f"{some([evidence.phasors.labels[i] for i in concerned])}: the joint moves while "
@@ -247,7 +248,7 @@ def coarse_encoder(evidence: Evidence) -> Iterator[Finding]:
         steps, shares = step[stepped, j], rounding[stepped, j] / variance[stepped, j]
         counts = np.abs(phasors.q[stepped, j]) / steps
         if (shares > 0.5).mean() > 0.5:
-            what = "dominates the noise"
+            what = "dominates the position noise"
             why = (
                 f"Rounding causes {percent(min(1.0, float(np.median(shares))))} of the position's noise."
             )

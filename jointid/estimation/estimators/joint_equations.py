@@ -130,7 +130,7 @@ def spring_equations(
     noise : Noise, optional
         Noise of the phasors, where it is already known.
     rests : ndarray of bool, shape (n,), optional
-        Joints that friction holds in all records; it may then take all of their torque.
+        Joints that friction holds in all records: friction may balance their whole torque.
 
     Returns
     -------

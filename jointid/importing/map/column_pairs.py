@@ -90,7 +90,7 @@ def clearest_pair(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list
     moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
     varying = moves or [*columns]
     if len(varying) < 2:
-        text = f"{counted(len(varying), 'column')} of changing values beside the time: a log needs two."
+        text = f"{counted(len(varying), 'column')} with changing values besides time: a log needs two."
         reasons.append(Reason("joints", text))
     pair: list[LogColumn] = []
     for role in _OTHER:
@@ -166,7 +166,7 @@ def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
 def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[Reason]:
     """Report clear positions without a torque and torques without a position, beside pairs."""
     lone = [
-        f'"{entry.column.name}" has no {_OTHER[role]} beside it'
+        f'"{entry.column.name}" has no matching {_OTHER[role]}'
         for group in groups
         for role, entry in group.items()
         if len(group) == 1

@@ -128,7 +128,7 @@ def _joint(
     reasons += _drive_reasons(number, joint)
     turned = unwrapped(pair[0].values[np.isfinite(pair[0].values)], position)
     if turned.jumps.size:
-        reasons.append(Reason(f"turns of position of joint {number}", turned.note(position), True))
+        reasons.append(Reason(f"wrap-around of position of joint {number}", turned.note(position), True))
     return joint
 
 

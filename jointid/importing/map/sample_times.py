@@ -80,7 +80,7 @@ class _LoggedTimes:
                 np.ones(time.size, dtype=bool),
                 unwrapped,
                 (
-                    f'"{column}" restarts {counted(back.size, "time")}, after each {turn}, first at '
+                    f'"{column}" restarts {counted(back.size, "time")}, every {turn}, first at '
                     f"{self._row(back[0])}: the time continues there."
                 ),
             )

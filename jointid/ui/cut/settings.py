@@ -205,7 +205,7 @@ def _ask_custom(robot: CutRobot, digest: str, unit: StiffnessUnit) -> list[tuple
     units = {"K": f"N·m/{unit.angle}{side}", "D": f"N·m·s/rad{side}"}
     for place, (name, of), factor in zip(st.columns(2), units.items(), factors, strict=True):
         value = numbers_out(float(f"{x:.5g}") for x in factor * getattr(start, name))
-        label = f"{name}1, {name}2 in the servo before, of {whose} ({of})"
+        label = f"{name}1, {name}2 assumed by the servo, for {whose} ({of})"
         key = f"cut_{name}_{digest[:12]}{'' if unit.is_default else of}"  # of this study and unit only
         values = numbers_in(f"{name} in the servo", enter_text(place, key, label, value))
         if len(values) != 2:

@@ -131,8 +131,8 @@ _INERTIA_HELP = (
     "values only. Choose, or type a percentage."
 )
 _TORQUE_HELP = (
-    "Relative standard deviation of the torque constant of each motor. K and D scale with it; without a "
-    "statement they hold for an exact torque scale. Choose, or type a percentage."
+    "Relative standard deviation of each motor's torque constant. K and D are proportional to this "
+    "constant; if not stated, they hold for an exact torque scale. Choose, or type a percentage."
 )
 
 

@@ -34,7 +34,7 @@ Given = ParamSpec("Given")
 Found = TypeVar("Found")
 Shown = TypeVar("Shown", bound=Answer)
 _ABOUT_MOTIONS = (
-    "What can be done with motions:\n"
+    "If motions give no answer:\n"
     "- State the band in which the motor moves: `band_hz` of the record in study.toml.\n"
     "- Record longer, sample faster, or move in a wider band that includes the resonance; several "
     "records help.\n"

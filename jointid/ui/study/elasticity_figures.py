@@ -134,7 +134,7 @@ def _left_out(analysis: Analysis) -> str:
     if (drawn := len(drawn_records(most))) < most.size:
         text = f" Of {most.size} records {drawn} are drawn, spread over their torque amplitudes."
     if min(map(len, amplitudes)) < most.size:
-        text += " A motion without frequencies above the resonance with locked motors has no dots."
+        text += " A motion without frequencies above the locked resonance has no dots."
     return text
 
 
