@@ -379,7 +379,7 @@ def test_a_position_without_a_torque_is_reported() -> None:
     assert "joints" not in {reason.what for reason in whole.reasons}
     for gone, said in (
         ("Moment 2__%", '"Achse 2 Ist" has no matching torque'),
-        ("Achse 1 Ist__deg", '"Moment 1" has no position'),
+        ("Achse 1 Ist__deg", '"Moment 1" has no matching position'),
     ):
         part = guess_mapping(table_of(**{key: v for key, v in columns.items() if key != gone}))
         assert part.mapping.n == 1
