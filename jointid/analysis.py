@@ -197,11 +197,7 @@ class Analysis(Answer):
         return elasticity_quantities(self.fit, self.unit)
 
     def limit_of_records(self, worst: Floats) -> str:
-        """Sentence that more records of the same kind do not help, and what does; empty otherwise.
-
-        ``worst`` is the largest relative standard error before the first and after each planned record,
-        shape (k + 1,).
-        """
+        """What helps where more records of the same kind, of errors ``worst`` (k + 1,), do not; or ""."""
         return limit_of_records(self.findings, self.fit, worst)
 
     @property
