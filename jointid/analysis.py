@@ -197,7 +197,7 @@ class Analysis(Answer):
         return elasticity_quantities(self.fit, self.unit)
 
     def limit_of_records(self, worst: Floats) -> str:
-        """What helps where more records of the same kind, of errors ``worst`` (k + 1,), do not; or ""."""
+        """What helps where more records, of worst errors ``worst`` (k + 1,), do not; otherwise empty."""
         return limit_of_records(self.findings, self.fit, worst)
 
     @property
