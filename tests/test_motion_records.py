@@ -588,3 +588,13 @@ def test_inertias_given_as_exact_are_checked_by_a_fit_with_free_ones(heavier: fl
     assert fit.contradicts_inertias == (heavier > 1)
     off = np.abs(fit.K - SPRINGS.K) / fit.standard_error[:2]
     assert (off.max() < 3.5) == (heavier == 1)
+
+
+@pytest.mark.parametrize("heavier", [1.0, 1.001])
+def test_a_small_error_of_exact_inertias_counts_by_the_stated_errors(heavier: float) -> None:
+    """K was 0.08 % and 11 stated errors off, and less than 0.1 % of K did not matter."""
+    motion, measured = Motion("random", 3.0, 30.0, 5.0), Measurement(2**20, torque_noise_Nm=0.003)
+    records = simulate_motion(ROBOT, SPRINGS, motion, controller=CONTROL, measurement=measured, seed=1)
+    given = Inertia(ROBOT.M, ROBOT.M2 * [[heavier, 1.0], [1.0, 1.0]])
+    fit = identify_motion(records, given, inertia_std=0.0)
+    assert fit.contradicts_inertias == (heavier > 1)
