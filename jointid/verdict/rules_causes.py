@@ -243,7 +243,8 @@ def even_harmonics(evidence: Evidence) -> str:
         "Only the even harmonics exceed the noise; K and D follow mainly from the fundamentals. The "
         "inertia and gravity of the arm change during the motion, which makes second harmonics: check "
         "with half the amplitude. A gear that a constant torque loads on one side makes them as well: K "
-        "is then its local stiffness."
+        "is then its local stiffness. So does a torque whose scale depends on its sign: K and D are "
+        "then off by half the difference."
     )
 
 
