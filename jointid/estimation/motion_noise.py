@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, dissipates
+from jointid.estimation.candidates import EXPLAINED, Model, dissipates
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -212,10 +212,11 @@ def contradicts_inertias(
     model: Model,
     error: Floats,
 ) -> bool:
-    """Whether other inertias than those given as exact explain motions better, with another K or D.
+    """Whether other inertias than those given as exact explain motions, with another K or D.
 
     ``error`` is the stated standard error of K and D, shape (2n,). The noise of motions is that of the
-    residual, so that no misfit shows wrong inertias.
+    residual, so that no misfit shows wrong inertias. Beside a misfit that other inertias leave, they
+    would imitate what the model lacks.
     """
     if prior.inertia_std != 0:
         return False
@@ -227,4 +228,5 @@ def contradicts_inertias(
     added = sum(value.size for value, _ in loose.blocks().values())
     gain = 2 * (estimate.cost - free.cost) / max(1.0, free.misfit)
     matters = bool(np.any(np.abs(free.elasticity - estimate.elasticity) > _MATTERS * error))
-    return matters and bool(chdtrc(added, max(gain, 0.0)) < _CHANCE)
+    explains = free.misfit < EXPLAINED
+    return explains and matters and bool(chdtrc(added, max(gain, 0.0)) < _CHANCE)
