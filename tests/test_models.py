@@ -12,7 +12,7 @@ from plants import exact_phasors
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation import candidates, model_fits, model_search
+from jointid.estimation import candidates, model_fits, model_growth, model_search
 from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
@@ -682,3 +682,16 @@ def test_fits_of_gear_laws_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
         assert made[-1][0] == PLAIN.with_part("piecewise")
         search.fit(Model(None, delay=True, effects=("cubic",)), "start")  # type: ignore[arg-type]
         assert made[-1][0].delay  # beside the same laws
+
+
+@pytest.mark.parametrize(("shift", "fitted"), [(0.05, False), (0.2, True)])
+def test_a_quick_part_is_fitted_to_many_rows_of_motions_where_it_moves_K(
+    shift: float, fitted: bool
+) -> None:
+    """Their noise is that of the residual: viscous friction moved K by 19 errors unfitted."""
+    phasors: Any = SimpleNamespace(motion=np.ones(3, bool))
+    search = search_of({PLAIN: estimate(cost=1e4)}, phasors=phasors)
+    search.fits.rows = 20_000
+    part: Any = SimpleNamespace(gain=80.0, possible=(80.0, np.array([shift, 0.0])))
+    assert model_growth._is_promising(search, PLAIN, part, "viscous") == fitted
+    assert not model_growth._is_promising(search, PLAIN, part, "cubic")

@@ -7,6 +7,7 @@ import tracemalloc
 import zipfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ from jointid import (
     simulate_records,
 )
 from jointid.cut.outcome import study_outcome
+from jointid.estimation import motion_noise
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.exporting.identification import to_document
 from jointid.exporting.matlab import to_mat
 from jointid.exporting.tables import phasor_table, transfer_matrix_table
@@ -588,3 +591,30 @@ def test_inertias_given_as_exact_are_checked_by_a_fit_with_free_ones(heavier: fl
     assert fit.contradicts_inertias == (heavier > 1)
     off = np.abs(fit.K - SPRINGS.K) / fit.standard_error[:2]
     assert (off.max() < 3.5) == (heavier == 1)
+
+
+@pytest.mark.parametrize("heavier", [1.0, 1.001])
+def test_a_small_error_of_exact_inertias_counts_by_the_stated_errors(heavier: float) -> None:
+    """K was 0.08 % and 11 stated errors off, and less than 0.1 % of K did not matter."""
+    motion, measured = Motion("random", 3.0, 30.0, 5.0), Measurement(2**20, torque_noise_Nm=0.003)
+    records = simulate_motion(ROBOT, SPRINGS, motion, controller=CONTROL, measurement=measured, seed=1)
+    given = Inertia(ROBOT.M, ROBOT.M2 * [[heavier, 1.0], [1.0, 1.0]])
+    fit = identify_motion(records, given, inertia_std=0.0)
+    assert fit.contradicts_inertias == (heavier > 1)
+
+
+@pytest.mark.parametrize(
+    ("misfit", "K", "cost", "contradicted"),
+    [(1.0, 9.7, 80.0, True), (1.2, 9.7, 80.0, False), (1.0, 9.9, 80.0, False), (1.0, 9.7, 95.0, False)],
+)
+def test_other_inertias_count_where_they_explain_motions_with_another_K(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, K: float, cost: float, contradicted: bool
+) -> None:
+    """Beside a missing filter, right inertias looked wrong: free ones imitated a part of it."""
+    free = SimpleNamespace(cost=cost, misfit=misfit, elasticity=np.array([K, 1.0]))
+    monkeypatch.setattr(motion_noise, "fit_model", lambda *_, **__: free)
+    prior: Any = InertiaPrior.of(Inertia([1.0], [[1.0]]), 2, 1)
+    exact: Any = SimpleNamespace(cost=100.0, elasticity=np.array([10.0, 1.0]), named=None)
+    unused: Any = None
+    found = motion_noise.contradicts_inertias(unused, prior, exact, unused, unused, np.array([0.1, 0.1]))
+    assert found == contradicted

@@ -1175,3 +1175,18 @@ def test_even_harmonics_alone_are_named_as_the_cause_of_a_misfit(harmonic: int, 
     assert (found.fit.odd_misfit < 1.5) == named
     (warning,) = (each for each in found.findings if each.level == "warning")
     assert ("Only the even harmonics exceed the noise" in warning.remedy) == named
+
+
+def test_a_torque_whose_scale_depends_on_its_sign_is_a_cause_of_even_harmonics() -> None:
+    """Such a sensor or drive makes even harmonics alone, and K is off: the warning must say so."""
+    inertia = Inertia([0.0025, 0.001], [[0.004104, 0.000395], [0.000395, 0.001889]])
+    elasticity, rng = Elasticity([20.0, 3.5], [0.1, 0.015]), np.random.default_rng(0)
+    records = []
+    for record in simulate_records(inertia, elasticity, np.geomspace(3, 30, 4)):
+        tau = record.tau_Nm + 0.02 * np.maximum(record.tau_Nm, 0)
+        noise = 0.01 * np.abs(tau).max(axis=0) * rng.normal(size=tau.shape)
+        records.append(replace(record, tau_Nm=tau + noise))
+    found = analyse(Study(records, inertia, inertia_std=0.05))
+    np.testing.assert_allclose(found.fit.K / elasticity.K, 1.01, atol=0.002)
+    (warning,) = (each for each in found.findings if each.level == "warning")
+    assert "a torque whose scale depends on its sign" in warning.remedy

@@ -13,6 +13,7 @@ from scipy.special import fdtri
 from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.uncertainty.answer_tables import PriorRow
 from jointid.verdict import (
     cause_findings,
     evidence,
@@ -770,6 +771,24 @@ def test_effects_beside_exact_inertias_of_motions_are_tried_without_these(
     for free in asked:  # around the payload of the fit
         assert free.inertia_std == 0.3
         np.testing.assert_array_equal(free.M2, [1.1 * np.eye(2)])
+
+
+@pytest.mark.parametrize("contradicted", [False, True])
+def test_exact_inertias_that_only_together_contradict_motions_are_a_warning(
+    monkeypatch: pytest.MonkeyPatch, contradicted: bool
+) -> None:
+    """With M2 0.5 % wrong no inertia alone was clearly different: D was 4 errors off, no warning."""
+    rows = [
+        PriorRow(name, "kg·m²", 1.0, 0.0, value, 0.01, True)
+        for name, value in (("J_a1", 1.02), ("J_m1", 0.99))
+    ]
+    monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: rows)
+    monkeypatch.setattr(rules_inertia, "contradicts", lambda _: False)
+    fit = two_joints(contradicts_inertias=contradicted)
+    own = two_joints(estimate=1.02 * fit.estimate, inertias=(), misfit=1.0)
+    found = list(rules_inertia.inertias_off(case(fit=fit, poses=()), own))
+    assert levels(found) == ["warning"] * contradicted
+    assert all("J_a1 was entered as 1" in each.detail for each in found)
 
 
 # --- responses, other records

@@ -90,6 +90,8 @@ class ElasticityFit:
     """Misfit of the fundamentals, and their degrees of freedom (0 for linear estimators)."""
     odd_misfit: float = np.inf
     """Misfit of the odd harmonics of sines, including the fundamentals; infinite where not known."""
+    gravity: Floats | None = None
+    """Fitted gravity stiffness with each M2 of ``prior``, (p, n, n); None as given."""
     contradicts_inertias: bool = False
     """Whether other inertias explain motions far better than those given as exact."""
     unseen_error: Floats | float = 0.0
@@ -219,6 +221,7 @@ def likelihood_fit(
         inertias=estimate.inertias,
         fundamental=estimate.fundamental,
         odd_misfit=estimate.odd_misfit,
+        gravity=estimate.gravity,
         torque_scale=np.broadcast_to(p.torque_scale, p.K.shape),
         prior_error=np.sqrt(np.diag(estimate.prior_covariance)[layout.span("K", "D")]),
         choice_error=np.sqrt(np.diag(choice.spread)),

@@ -190,7 +190,7 @@ def _identified(
     if not isinstance(choice.estimate, LikelihoodEstimate):
         raise choice.estimate
     estimate, noise = choice.estimate, noise_of_rows(phasors, prior)
-    contradicts = contradicts_inertias(phasors, prior, estimate, noise, choice.model)
+    searched = phasors, prior, estimate, noise, choice.model
     if len(phasors.omega) < len(whole[0].omega):
         torques = {each.record: each.torque_variance for each in again.segments if each is not None}
         prior = whole[1]
@@ -208,7 +208,7 @@ def _identified(
         phasors=lines,
         prior=given,
         inertias=tuple(estimate.inertias[row] for row in np.unique(source, return_index=True)[1]),
-        contradicts_inertias=contradicts,
+        contradicts_inertias=contradicts_inertias(*searched, fit.standard_error),
     )
 
 

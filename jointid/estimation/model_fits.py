@@ -231,6 +231,7 @@ def evaluated(
 
     Raises JointIdError when the deflection of gears in motions is not found again.
     """
+    prior = replace(prior, gravity=estimate.gravity)
     waveforms = model_waveforms(phasors, model, estimate.named)
     waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named, waveforms, noise)
@@ -267,6 +268,7 @@ def stepped(
     waveforms: FrictionWaveforms | None = None,
 ) -> tuple[Floats, float]:
     """Parameters and misfit of a model one step from the estimate of a similar one."""
+    prior = replace(prior, gravity=estimate.gravity)
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
     waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)

@@ -263,7 +263,7 @@ def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> lis
 
 
 def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool:
-    """Whether a slow fit with one more part is worth its time, by the part's score.
+    """Whether a slow fit with one more part, or one to many rows, is worth its time, by its score.
 
     It is not where the model explains the data without it and K and D would hardly move. Its score still
     widens the errors.
@@ -273,7 +273,7 @@ def _is_promising(search: Search, model: Model, score: Score, part: str) -> bool
         return True
     if not search.may_explain(model, part):
         return False
-    if search.has_motions and not search.may_be_richer(found):
+    if is_slow and search.has_motions and not search.may_be_richer(found):
         return score.gain > _LARGE * found.cost
     sigma = np.sqrt(np.diag(found.elasticity_covariance))
     return not search.fits.is_explained(model) or bool(np.any(np.abs(score.possible[1]) > sigma))

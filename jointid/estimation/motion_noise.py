@@ -10,7 +10,7 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.candidates import Model, dissipates
+from jointid.estimation.candidates import EXPLAINED, Model, dissipates
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
@@ -23,10 +23,9 @@ from jointid.estimation.start_values import at_resonances
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
-_CHANCE = 1e-6
-"""Probability of a lower cost with other inertias by noise alone, that contradicts them."""
-_MATTERS = np.array([[1e-3], [1e-2]])
-"""Relative change of K and D by other inertias that matters: motions without noise show less."""
+_CHANCE, _MATTERS = 1e-4, 2.0
+"""Probability of a lower cost with other inertias by noise alone, that contradicts them, and change of K
+or D by them that matters, in their stated standard errors."""
 SAME, SAME_OF_MANY = 0.1, 0.3
 """Relative change of the variances above which the models are compared again; the second for many
 equations, whose noise is already that of the chosen model."""
@@ -206,11 +205,18 @@ def _fit_from(
 
 
 def contradicts_inertias(
-    phasors: Phasors, prior: InertiaPrior, estimate: LikelihoodEstimate, noise: Noise, model: Model
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    noise: Noise,
+    model: Model,
+    error: Floats,
 ) -> bool:
-    """Whether other inertias explain motions far better than those given as exact.
+    """Whether other inertias than those given as exact explain motions, with another K or D.
 
-    The noise of motions is that of the residual, so that no misfit shows wrong inertias.
+    ``error`` is the stated standard error of K and D, shape (2n,). The noise of motions is that of the
+    residual, so that no misfit shows wrong inertias. Beside a misfit that other inertias leave, they
+    would imitate what the model lacks.
     """
     if prior.inertia_std != 0:
         return False
@@ -221,6 +227,6 @@ def contradicts_inertias(
         return False
     added = sum(value.size for value, _ in loose.blocks().values())
     gain = 2 * (estimate.cost - free.cost) / max(1.0, free.misfit)
-    change = np.abs(free.elasticity / estimate.elasticity - 1).reshape(2, -1)
-    matters = bool(np.any(change > _MATTERS))
-    return matters and bool(chdtrc(added, max(gain, 0.0)) < _CHANCE)
+    matters = bool(np.any(np.abs(free.elasticity - estimate.elasticity) > _MATTERS * error))
+    explains = free.misfit < EXPLAINED
+    return explains and matters and bool(chdtrc(added, max(gain, 0.0)) < _CHANCE)

@@ -207,6 +207,8 @@ def _scores(
 ) -> dict[str, PerTurnScores]:
     """Scores of orders beside a model, see ``scores_per_turn``."""
     waveforms = search.completed_waveforms(model, near, model.parts)
+    found, prior = search.fits.estimate(model), search.prior
+    prior = prior if found is None else replace(prior, gravity=found.gravity)
     return scores_per_turn(
-        search.phasors, search.prior, near, waveforms, search.noise, model.delay, model.effects, orders
+        search.phasors, prior, near, waveforms, search.noise, model.delay, model.effects, orders
     )

@@ -91,7 +91,8 @@ def fitted_problem(phasors: Phasors, fit: ElasticityFit) -> Problem:
     friction = chosen_friction(phasors, fit)
     layout, vector = fit.parameters.layout, fit.parameters.vector.copy()
     vector[layout["K"]] = np.maximum(np.abs(fit.K), _LEAST_STIFFNESS)
-    return make_problem(phasors, fit.prior, layout, layout.named(vector), friction, noise)
+    prior = fit.prior if fit.gravity is None else replace(fit.prior, gravity=fit.gravity)
+    return make_problem(phasors, prior, layout, layout.named(vector), friction, noise)
 
 
 def chosen_friction(

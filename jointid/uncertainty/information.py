@@ -247,10 +247,12 @@ def planning_model(
     each = inertia_of_each(inertia, *phasors.q.shape)
     measured = fitted_problem(phasors, fit)
     prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))
+    known = measured.prior.gravity  # as fitted; distinct inertias are in order of appearance
+    prior = replace(prior, gravity=np.concatenate([known, prior.gravity[len(known) :]]))
     effects = [name for name in EFFECTS if name in measured.layout]
     layout = fitted_layout(prior, measured.friction, fit.delay is not None, effects)
     p = replace(measured, prior=prior, layout=layout).start(fit.parameters)
-    for block in fit.parameters.layout.blocks:  # distinct inertias are in order of appearance
+    for block in fit.parameters.layout.blocks:
         values, first = fit.parameters[block.name].ravel(), layout[block.name].start
         p[first : first + values.size] = values
     scale = np.full(1, fit.inflation)

@@ -132,7 +132,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     uncertain = [row for row in prior_rows(own, evidence.poses) if row.unit or not exact]
     rows = sorted(((_significance(row, exact), row) for row in uncertain), key=lambda pair: -pair[0])
     sizes = np.array([size for size, _ in rows if size > 0])
-    together = not exact and chdtrc(sizes.size, sizes @ sizes) < _CHANCE
+    together = fit.contradicts_inertias if exact else chdtrc(sizes.size, sizes @ sizes) < _CHANCE
     most = -ndtri(_CHANCE / (2 * max(sizes.size, 1)))
     off = [pair for k, pair in enumerate(rows) if pair[0] > most or (together and k == 0)]
     if not off:

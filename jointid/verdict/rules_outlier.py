@@ -132,6 +132,8 @@ def _off_beside_others(
     if any(effect in p.layout for effect in PERIODIC_EFFECTS):
         return None
     noise, prior, one = spring_equations(phasors, inertias).noise, evidence.fit.prior, np.array([row])
+    if others.gravity is not None:
+        prior = replace(prior, gravity=others.gravity)
     logged, of_row, own = phasors.select(one), prior.of_rows(one), noise.select(one)
 
     def cost(scale: Floats) -> float:

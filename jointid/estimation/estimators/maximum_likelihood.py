@@ -17,7 +17,7 @@ from scipy.special import chdtrc
 
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
-from jointid.estimation.estimators.gravity_prior import Gravity, with_gravity
+from jointid.estimation.estimators.gravity_prior import Gravity, gravity_std, with_gravity
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.levenberg_marquardt import LOST, minimised, penalty
@@ -83,6 +83,8 @@ class LikelihoodEstimate(Estimate):
     """Fitted inertia of each record; the given one where it is exact."""
     scale: Floats
     """Factor on each row's variance in the fit, as of ``Misfit``."""
+    gravity: Floats
+    """Fitted gravity stiffness with each M2, shape (p, n, n), without that of a common unknown."""
     wound: Wound | None
     """Deflection of nonlinear gears in motions."""
 
@@ -140,7 +142,10 @@ def maximum_likelihood(
         if costs[0] > _SETTLED * costs[1]:
             break
     problem = with_law_noise(problem, p)
-    problem, p, fitted = with_gravity(problem, p, WhitenedResidual.of(problem, p, scale), normal)
+    std = gravity_std(prior)
+    if std is not None:
+        problem, p = with_gravity(problem, p, scale, prior, std)
+    fitted = WhitenedResidual.of(problem, p, scale)
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
     slow = not set(GEAR_LAWS).isdisjoint(effects)
@@ -149,6 +154,8 @@ def maximum_likelihood(
     if np.any(scale > 1) and not first.cost > most * first.expected_cost > 0:
         poor = first.cost > POOR * first.expected_cost > 0
         p, normal = minimised(problem, p, scale, damping=_NEAR, roughly=poor)
+        if std is not None:
+            problem, p = with_gravity(problem, p, scale, prior, std)
     if np.any(scale > 1):
         fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
@@ -178,8 +185,9 @@ def maximum_likelihood(
         misfit = Misfit.of(WhitenedResidual.of(problem, p), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
-    gravity = Gravity.of(fitted, covariance)
-    of_gravity = np.zeros_like(covariance) if gravity is None else gravity.covariance()
+    of_gravity = np.zeros_like(covariance)
+    if std is not None:
+        of_gravity = Gravity.of(fitted, fitted.visible_columns, covariance, std).covariance()
     covariance = widened_covariance(fitted, covariance, by_prior) + repeated + of_gravity
     return LikelihoodEstimate(
         layout=problem.layout,
@@ -202,6 +210,7 @@ def maximum_likelihood(
             )
         ),
         scale=scale,
+        gravity=problem.prior.gravity,
         wound=fitted.at.wound and fitted.at.wound.alone(),
     )
 

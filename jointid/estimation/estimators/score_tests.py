@@ -88,6 +88,7 @@ def scores(
     effects = [name for name in EFFECTS if name in fitted or name in parts]
     delay = "delay" in fitted or "delay" in parts
     layout = fitted_layout(prior, friction, delay, effects)
+    prior = replace(prior, gravity=estimate.gravity)
     problem = make_problem(phasors, prior, layout, estimate.named, friction, noise)
     problem, p = near_solution(problem, estimate.wound), problem.start(estimate.named, _FILTER)
     if any(name in fitted for name in DRIVEN_LAWS):
