@@ -173,10 +173,10 @@ def test_after_a_failed_start_calls_run_in_this_process_for_a_while(
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_a_call_whose_process_is_killed_is_repeated_in_another(pool: Pool) -> None:
-    first = answers(pool)
+    first, stop = answers(pool), Stop()
     with ThreadPoolExecutor(1) as threads:
-        call = threads.submit(pool.call, sleep, 1.0)
-        until(lambda: pool._idle.empty())
+        call = threads.submit(partial(pool.call, sleep, 1.0, stop=stop))
+        until(lambda: stop.child is not None)  # of a process killed before, there is none to repeat in
         os.kill(first, signal.SIGKILL)
         assert call.result(PATIENCE_S) is None
     assert answers(pool) != first
