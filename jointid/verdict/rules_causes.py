@@ -245,8 +245,8 @@ def even_harmonics(evidence: Evidence) -> str:
         "Only the even harmonics exceed the noise; K and D follow mainly from the fundamentals. The "
         "inertia and gravity of the arm change during the motion, which causes second harmonics: repeat "
         "a record at half the amplitude, and they fall to a quarter. A nonlinear gear under a constant "
-        "load causes them as well: K is then its tangent stiffness at that load. So "
-        "does a torque whose scale depends on its sign: K and D are then off by half the difference."
+        "load causes them as well: K is then its tangent stiffness at that load. So does a torque whose "
+        "scale depends on its sign: K and D are then off by half the difference."
     )
 
 

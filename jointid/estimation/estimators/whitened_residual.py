@@ -90,7 +90,11 @@ class WhitenedResidual:
 
     def columns(self, signals: Complexes | None = None) -> Floats:
         """Jacobian of the rows, shape (r, m, P), at the smoothed signals or at others (r, H, 2n)."""
-        return self.projection.rows(self._jacobian(self.smoothed() if signals is None else signals))
+        return self._own_columns if signals is None else self.projection.rows(self._jacobian(signals))
+
+    @cached_property
+    def _own_columns(self) -> Floats:
+        return self.projection.rows(self._jacobian(self.smoothed()))
 
     def _jacobian(self, signals: Complexes) -> Complexes:
         """∂r/∂p, shape (r, H, n, P), with the free friction that moves with a position filter."""
