@@ -132,14 +132,10 @@ class ManyArms:
     addition to K and D, joint side, of all arms or of each.
     """
 
-    link: Floats
-    """Absolute link angles at the present instant, shape (2, runs), rad."""
-    motor: Floats
-    """Reflected motor angles, shape (2, runs), rad."""
-    motor_rate: Floats
-    """Reflected motor rates, shape (2, runs), rad/s."""
+    angles: Floats
+    """Absolute link angles, then reflected motor angles, at the present instant, (4, runs), rad."""
     log: list[Floats]
-    """``link`` at the start of each step."""
+    """``angles`` at the start of each step."""
 
     def __init__(
         self,
@@ -164,45 +160,60 @@ class ManyArms:
         self._slides = not coulomb.any()
         self._gears = None if gears is None else GearState(gears, np.zeros(2))
         self._ab, self._ba = a * b, np.array([[b], [a]]) * each
-        self.link = np.repeat(arm.link_angles(joint_angle_rad)[:, None], runs, axis=1)
-        self.motor = np.repeat(joint_angle_rad[:, None], runs, axis=1)
-        still = np.zeros((2, runs))
-        self._link_rate = self.motor_rate = self._link_before = self._motor_before = still
+        self._turns = np.array([[1.0], [-1.0]]) * self._c * each
+        start = np.concatenate([arm.link_angles(joint_angle_rad), joint_angle_rad])
+        self.angles = np.repeat(start[:, None], runs, axis=1)
+        self._rate = self._before = np.zeros((4, runs))
         self.log = []
+
+    @property
+    def motor(self) -> Floats:
+        """Reflected motor angles at the present instant, shape (2, runs), rad."""
+        return self.angles[2:]
+
+    @property
+    def motor_rate(self) -> Floats:
+        """Reflected motor rates, shape (2, runs), rad/s."""
+        return self._rate[2:]
 
     def step(self, torque: Floats) -> None:
         """Advance by one step under motor torques reflected to the joint side, (2, runs), N·m."""
-        self.log.append(self.link)
-        dt, link, rate = self._dt, self.link, self._link_rate
-        joint, joint_rate = link, rate
+        self.log.append(self.angles)
+        dt, x, rate = self._dt, self.angles, self._rate
+        link_rate, motor_rate = rate[:2], rate[2:]
+        deflection, spring = x[2:] - x[:2], motor_rate - link_rate
         if self._serial:
-            joint, joint_rate = joint.copy(), joint_rate.copy()
-            joint[1] -= link[0]
-            joint_rate[1] -= rate[0]
-        deflection = self.motor - joint
-        spring = self._K * deflection + self._D * (self.motor_rate - joint_rate)
+            deflection[1] += x[0]
+            spring[1] += rate[0]
+        spring *= self._D
+        spring += self._K * deflection
         if self._gears is not None:
             spring += self._gears.torque(deflection)
-        load, square, bend = spring.copy(), rate * rate, link[1] - link[0]
+        bend = x[1] - x[0]
+        coupling = np.cos(bend)
+        coupling *= self._c
+        # Centrifugal torques: c sin(φ2 − φ1) times the square of the other link's rate.
+        load = self._turns * np.sin(bend)
+        load *= (link_rate * link_rate)[::-1]
+        load += spring
         if self._serial:
             load[0] -= spring[1]
-        coupling, h = self._c * np.cos(bend), self._c * np.sin(bend)
-        load[0] += h * square[1]
-        load[1] -= h * square[0]
-        v = self._ba * load
-        v -= coupling * load[::-1]
-        v *= dt / (self._ab - coupling * coupling)
-        v += self._link_before
-        w = torque - spring
-        w -= self._F * self.motor_rate
-        w *= self._kick
-        w += self._motor_before
+        v = np.empty_like(x)
+        links, rotors = v[:2], v[2:]
+        np.multiply(self._ba, load, out=links)
+        load *= coupling
+        links -= load[::-1]
+        links *= dt / (self._ab - coupling * coupling)
+        np.subtract(torque, spring, out=rotors)
+        rotors -= self._F * motor_rate
+        rotors *= self._kick
+        v += self._before
         if not self._slides:  # friction reduces the rotor's speed, at most to zero
-            w -= np.minimum(np.maximum(w, self._stops), self._slows)
-        self.link, self.motor = link + v * dt, self.motor + w * dt
-        self._link_rate = 1.5 * v - 0.5 * self._link_before
-        self.motor_rate = 1.5 * w - 0.5 * self._motor_before
-        self._link_before, self._motor_before = v, w
+            rotors -= np.minimum(np.maximum(rotors, self._stops), self._slows)
+        self.angles = x + v * dt
+        self._rate = 1.5 * v
+        self._rate -= 0.5 * self._before
+        self._before = v
 
 
 _LARGEST_PHASE = 0.5

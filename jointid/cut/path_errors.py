@@ -171,7 +171,8 @@ def _largest_errors(
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction, laws)
         with np.errstate(over="ignore", invalid="ignore"):
             run_servo(plan, arms, substeps)
-        tool = arm.tool_of_links(np.array([*arms.log, arms.link]).swapaxes(1, 2))
+        links = np.array([*arms.log, arms.angles])[:, :2]
+        tool = arm.tool_of_links(links.swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
         contour[part] = _largest_contour_error(toolpath, tool, reference)
     return contour

@@ -129,34 +129,40 @@ def run_servo(
     sample on, each shape (2, runs), joint side, N·m. Raises JointIdError when a motor runs away from its
     reference.
     """
-    angle, rate, feed = map(list, (plan.angle, plan.rate, plan.torque))
-    gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
     each = np.ones(np.shape(plant.motor))  # numpy multiplies arrays of equal shape faster
-    kp, kv, count, limit = (x[:, None] * each for x in gains)
+    kp, kv, count, limit = (
+        x[:, None] * each for x in (plan.proportional, plan.derivative, plan.count, plan.limit)
+    )
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
-    differentiated, interval = plan.servo.differentiated_velocity, plan.servo.interval_s
-    waiting = deque([np.zeros_like(kp)] * plan.servo.delay_samples)
-    old = past = np.zeros_like(kp)
+    differentiated, delay = plan.servo.differentiated_velocity, plan.servo.delay_samples
+    unit = count if quantised else each  # the encoder's, rad
+    per_unit, damping = 1 / unit, kv * unit / plan.servo.interval_s
+    stiffness = kp * unit + damping if differentiated else kp * unit
+    # All of the control law that does not depend on the measured motion.
+    references = plan.proportional[:, None] * plan.angle + plan.derivative[:, None] * plan.rate
+    known = plan.torque * np.ones_like(references)
+    known[delay:] += references[: len(known) - delay]
+    waiting = deque([np.zeros_like(kp)] * delay)
+    past = np.rint(plant.motor * per_unit) if quantised else plant.motor
+    old = np.zeros_like(kp)
     held: list[Floats] = []
-    report = max(1, len(feed) // PROGRESS_CALLS)
-    for k, feedforward in enumerate(feed):
+    report = max(1, len(known) // PROGRESS_CALLS)
+    for k, ahead in enumerate(known):
         y = plant.motor
         if k % report == 0:
-            require_tracking(y - angle[k])
+            require_tracking(y - plan.angle[k])
             if progress is not None:
-                progress(k / len(feed))
+                progress(k / len(known))
         if quantised:
-            y = np.rint(y / count)
-            y *= count
+            y = np.rint(y * per_unit)
+        control = stiffness * y
         if differentiated:
-            speed, past = (y - (past if k else y)) / interval, y
+            control -= damping * past
+            past = y
         else:
-            speed = plant.motor_rate
-        control = angle[k] - y
-        control *= kp
-        control += kv * (rate[k] - speed)
+            control += kv * plant.motor_rate
         waiting.append(control)
-        new = feedforward + waiting.popleft()
+        new = ahead - waiting.popleft()
         if limited:
             new = np.clip(new, -limit, limit)
         # The leapfrog scheme's form of a torque that changes at a sample: the mean of old and new.
@@ -165,7 +171,7 @@ def run_servo(
             plant.step(new)
         held.append(new)
         old = new
-    require_tracking(plant.motor - angle[-1])
+    require_tracking(plant.motor - plan.angle[-1])
     if progress is not None:
         progress(1.0)
     return held
