@@ -43,7 +43,7 @@ def answers(pool: Pool) -> int:
     end = monotonic() + PATIENCE_S
     while True:
         pool.start()
-        until(lambda: not pool._idle.empty())
+        until(lambda: bool(pool._idle))
         try:
             return int(pool.call(os.getpid))
         except NoWorkerError:  # the idle one was dead; another is being started
@@ -236,14 +236,30 @@ def test_with_processes_nothing_runs_here(
     pool: Pool, monkeypatch: pytest.MonkeyPatch, has_turn: bool
 ) -> None:
     """Otherwise queued calls would run in this process and slow every page."""
-    for name in ("_LONGEST_TURN_S", "_PATIENCE_S"):
-        monkeypatch.setattr(results, name, 0.01)
+    monkeypatch.setattr(results, "_LONGEST_TURN_S", 0.01)
     with ThreadPoolExecutor(1) as threads, nullcontext() if has_turn else results._turn:
         worker = answers(pool)
         busy = threads.submit(pool.call, sleep, 0.4)
-        until(lambda: pool._idle.empty())
+        until(lambda: not pool._idle)
         assert run_in_background(os.getpid) == worker, "it waits for the process"
         busy.result(PATIENCE_S)
+
+
+def test_calls_wait_in_order_and_a_stopped_one_leaves_the_queue(ready: Pool) -> None:
+    answers(ready)
+    with ThreadPoolExecutor(6) as threads:
+        busy = threads.submit(ready.call, sleep, 1.0)
+        until(lambda: not ready._idle)
+        stops, asked = [Stop() for _ in range(5)], []
+        for stop in stops:
+            asked.append(threads.submit(partial(ready.call, monotonic, stop=stop)))
+            until(lambda: len(ready._waiting) == len(asked))
+        stops[2].set()
+        with pytest.raises(StoppedError):
+            asked[2].result(PATIENCE_S)
+        assert not busy.done(), "it need not wait for its turn"
+        served = [call.result(PATIENCE_S) for k, call in enumerate(asked) if k != 2]
+    assert served == sorted(served)
 
 
 def test_the_lock_is_released_after_an_error(pool: Pool) -> None:

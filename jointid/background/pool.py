@@ -8,9 +8,9 @@ import io
 import math
 import os
 import pickle
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -27,6 +27,7 @@ _MODULE = "jointid.background.pool"
 _LIMITS = Limits(time_s=3600.0)
 _START_WAIT_S = 20.0  # wait for a process that is starting; it loads the numerical libraries, s
 _BACK_OFF_S = 30.0  # back-off after a failed start, s
+_LOOK_S = 0.2  # interval at which a waiting call looks whether it was stopped, s
 
 
 class NoWorkerError(Exception):
@@ -65,8 +66,10 @@ class Pool:
         self._preload = preload
         self._started = self._ready = 0  # a process that is starting is not ready
         self._retry_after_s = -math.inf
-        self._lock = threading.Lock()
-        self._idle: queue.SimpleQueue[Child] = queue.SimpleQueue()
+        self._lock = threading.Condition()
+        self._idle: deque[Child] = deque()
+        self._waiting: deque[object] = deque()
+        """Calls without a process, in the order in which they came."""
 
     @property
     def is_ready(self) -> bool:
@@ -89,27 +92,26 @@ class Pool:
         function: Callable[..., Any],
         *arguments: Any,
         progress: Callable[..., object] | None = None,
-        patience_s: float = 0.0,
         stop: Stop | None = None,
     ) -> Any:
-        """Call ``function(*arguments)`` in a process, and wait up to ``patience_s`` for a free one.
+        """Call ``function(*arguments)`` in a process; calls wait in order while all are busy.
 
         The function is one of a module, or a ``functools.partial`` of one. Arrays and dataclasses of
         the arguments that are part of the result come back as the same objects. ``progress`` is passed
-        on if given; an exception it raises ends the call. Raises NoWorkerError when no process runs or
-        none becomes free in time; StoppedError after ``stop``; JointIdError when the call crashes its
-        process; and whatever the call raises.
+        on if given; an exception it raises ends the call. Raises NoWorkerError when no process runs;
+        StoppedError after ``stop``; JointIdError when the call crashes its process; and whatever the
+        call raises.
         """
         if not self._ready:
             raise NoWorkerError
         stop = stop or Stop()
         try:
-            return self._called(self._free(patience_s), function, arguments, progress, stop)
+            return self._called(self._free(stop), function, arguments, progress, stop)
         except Ended as ended:
             why = str(ended)
         with suppress(Ended, NoWorkerError):  # the process may have been killed from outside
             stop.check()
-            child = self._free(_START_WAIT_S, starting=True)
+            child = self._free(stop, starting_s=_START_WAIT_S)
             return self._called(child, function, arguments, progress, stop)
         stop.check()
         raise JointIdError(
@@ -120,11 +122,8 @@ class Pool:
     def stop(self) -> None:
         """End the idle processes and start no others."""
         self._most = 0
-        while True:
-            try:
-                self._idle.get_nowait().stop()
-            except queue.Empty:
-                return
+        while self._idle:
+            self._idle.popleft().stop()
 
     def _called(
         self,
@@ -162,27 +161,43 @@ class Pool:
             self._retry_after_s = time.monotonic() + _BACK_OFF_S
             self._started -= 1
 
-    def _free(self, patience_s: float, *, starting: bool = False) -> Child:
-        """Return an idle process; with ``starting``, wait for one that is starting as well."""
-        while True:
-            if self._idle.empty():
-                self.start()
-            try:
-                child = self._idle.get(timeout=patience_s if self._ready or starting else 0.0)
-            except queue.Empty:
-                raise NoWorkerError from None
-            if child.is_running:
-                return child
-            self._put_back(child)  # it had idled out, or was killed from outside
+    def _free(self, stop: Stop, *, starting_s: float = 0.0) -> Child:
+        """Wait for an idle process, also up to ``starting_s`` for one that is starting."""
+        me, end = object(), time.monotonic() + starting_s
+        self._waiting.append(me)
+        try:
+            while True:
+                stop.check()
+                if not self._idle:
+                    self.start()
+                child = None
+                with self._lock:
+                    if self._idle and self._waiting[0] is me:
+                        child = self._idle.popleft()
+                    elif self._ready or time.monotonic() < end:
+                        self._lock.wait(_LOOK_S)
+                    else:
+                        raise NoWorkerError
+                if child is not None and child.is_running:
+                    return child
+                if child is not None:
+                    self._put_back(child)  # it had idled out, or was killed from outside
+        finally:
+            with self._lock:
+                self._waiting.remove(me)
+                self._lock.notify_all()
 
     def _put_back(self, child: Child) -> None:
-        if child.is_running and self._most:
-            self._idle.put(child)
-            return
-        child.stop()
+        stays = child.is_running and self._most > 0
+        if not stays:
+            child.stop()
         with self._lock:
-            self._started -= 1
-            self._ready -= 1
+            if stays:
+                self._idle.append(child)
+            else:
+                self._started -= 1
+                self._ready -= 1
+            self._lock.notify_all()
 
 
 _PROTOCOL = 5  # preserves read-only arrays

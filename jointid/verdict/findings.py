@@ -137,8 +137,12 @@ def is_wrong(evidence: Evidence) -> bool:
 def ends_early(evidence: Evidence) -> tuple[Callable[[], bool], Callable[[], bool]]:
     """Whether wrong data end a search for models far from them: ``gives_up`` and ``gives_up_late``.
 
-    One record may also contradict all others where only it shows a law of the gears.
+    One record may also contradict all others where only it shows a law of the gears. Data that the known
+    automatic fit explains are not wrong.
     """
+    known = evidence.automatic
+    if known is not None and _physical_misfit(known) < GOOD:
+        return bool, bool
     return partial(is_wrong, evidence), cache(lambda: one_record_off(evidence) is not None)
 
 

@@ -31,7 +31,6 @@ _PRELOADED = (
     "jointid.uncertainty.information",
 )
 """Imported when a worker starts, so that its first computation need not wait."""
-_PATIENCE_S = 5.0
 _UNDISTURBED_S = 2.0
 """Time for the first page of a server, whose first picture workers that start would delay by 0.6 s."""
 _LONGEST_TURN_S = 1.0
@@ -94,8 +93,7 @@ def _computed(
         function: Callable[..., Found] = partial(compute, **named) if named else compute
         while True:
             with suppress(NoWorkerError):
-                about: dict[str, Any] = {"progress": progress, "patience_s": _PATIENCE_S}
-                found: Found = _pool().call(function, *given, **about, stop=stop)
+                found: Found = _pool().call(function, *given, progress=progress, stop=stop)
                 return found
             # Not in this process once there are others: it would slow all pages.
             with _turn_here(session):
