@@ -262,6 +262,14 @@ def test_a_motor_three_radians_off_stops_the_run(away) -> None:
         require_tracking(np.array([[0.0], [away]]))
 
 
+def test_with_a_delay_longer_than_the_cut_feedback_never_acts() -> None:
+    """36 samples: the bandwidth makes no difference."""
+    slow, fast = (
+        cut(Servo(sample_rate_hz=50.0, delay_samples=100, bandwidth_hz=hz)) for hz in (5.0, 20.0)
+    )
+    np.testing.assert_allclose(slow.tool_m, fast.tool_m, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("option", [{"bandwidth_hz": 5000.0}, {"delay_samples": 80}])
 def test_an_unstable_loop_is_reported(option) -> None:
     with pytest.raises(JointIdError, match="unstable: lower its bandwidth or delay"):

@@ -130,18 +130,18 @@ def run_servo(
     reference.
     """
     each = np.ones(np.shape(plant.motor))  # numpy multiplies arrays of equal shape faster
-    kp, kv, count, limit = (
-        x[:, None] * each for x in (plan.proportional, plan.derivative, plan.count, plan.limit)
-    )
+    gains = (plan.proportional, plan.derivative, plan.count, plan.limit)
+    kp, kv, count, limit = (x[:, None] * each for x in gains)
     quantised, limited = bool(count.any()), bool(np.isfinite(limit).any())
     differentiated, delay = plan.servo.differentiated_velocity, plan.servo.delay_samples
     unit = count if quantised else each  # the encoder's, rad
-    per_unit, damping = 1 / unit, kv * unit / plan.servo.interval_s
-    stiffness = kp * unit + damping if differentiated else kp * unit
+    per_unit, before = 1 / unit, kv * unit / plan.servo.interval_s  # torque by the previous sample
+    now = kp * unit + before if differentiated else kp * unit
     # All of the control law that does not depend on the measured motion.
     references = plan.proportional[:, None] * plan.angle + plan.derivative[:, None] * plan.rate
     known = plan.torque * np.ones_like(references)
-    known[delay:] += references[: len(known) - delay]
+    delayed = known[delay:]
+    delayed += references[: len(delayed)]
     waiting = deque([np.zeros_like(kp)] * delay)
     past = np.rint(plant.motor * per_unit) if quantised else plant.motor
     old = np.zeros_like(kp)
@@ -155,9 +155,9 @@ def run_servo(
                 progress(k / len(known))
         if quantised:
             y = np.rint(y * per_unit)
-        control = stiffness * y
+        control = now * y
         if differentiated:
-            control -= damping * past
+            control -= before * past
             past = y
         else:
             control += kv * plant.motor_rate
