@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from jointid import Analysis, Inertia, JointIdError, MotionRecord, Study, analyse, save_study
 from jointid.answer import StiffnessUnit
 from jointid.cli import app as program
-from jointid.uncertainty.comparison import compare
+from jointid.uncertainty.comparison import compare, comparison_sentence
 
 run = CliRunner()
 
@@ -49,6 +49,25 @@ def test_a_stiffer_gear_is_found_with_its_standard_errors(first: Analysis) -> No
         assert row.sigmas == pytest.approx((row.second.value - row.first.value) / error)
     swapped = compare(second.quantities, first.quantities)
     assert [row.sigmas for row in swapped] == pytest.approx([-row.sigmas for row in rows])
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"),
+    [
+        (0.25, "is 75 % softer"),
+        (1.2, "is 20 % stiffer"),
+        (1.5, "is 1.5 times as stiff"),
+        (4.0, "is 4.0 times as stiff"),
+    ],
+)
+def test_a_large_change_is_stated_as_a_factor(first: Analysis, ratio: float, words: str) -> None:
+    """Damping is compared, but a sentence on stiffness does not mention it."""
+    others = [replace(each, value=ratio * each.value) for each in first.quantities]
+    rows = compare(first.quantities, others)
+    said = comparison_sentence(rows, "A", "B", exact_torque_scales=True)
+    assert said.count(words) == said.count("joint") == 2
+    assert said.startswith("B compared with A: joint 1 ")
+    assert said.endswith(", if the torque scales are exact")
 
 
 def test_other_joints_are_refused(studies: dict[int, Study], first: Analysis) -> None:

@@ -215,6 +215,31 @@ def test_stiffness_of_linear_joints_does_not_depend_on_amplitude() -> None:
     assert np.all(found.standard_error < 0.01)
 
 
+def test_scatter_beyond_the_noise_widens_the_error_of_a_trend() -> None:
+    """A weighted regression with a constant for each pair of records at one frequency."""
+    frequencies, torques = campaign(FREQUENCIES, 2)
+    rng, records = np.random.default_rng(3), []
+    for size in (1, 3):
+        for f, torque in zip(frequencies, torques, strict=True):
+            springs = Elasticity(K=PAPER.K * (1 + 0.01 * rng.standard_normal(2)), D=PAPER.D)
+            records += steady_records(
+                SERIAL, springs, [f], size * torque[None], noise=(1e-6, 1e-4), seed=len(records)
+            )
+    fit = identify_elasticity(extract_phasors(records), SERIAL, method="weighted")
+    found = amplitude_dependence(fit)
+    for j in range(2):
+        deflection = np.abs(fit.equations.deflection[:, j])
+        weight = deflection / fit.residual_noise[:, j]
+        pairs = np.tile(np.eye(deflection.size // 2), (2, 1))
+        columns = weight[:, None] * np.column_stack([np.log(deflection), pairs])
+        measured = weight * fit.equations.stiffness[:, j].real
+        slope, left, *_ = np.linalg.lstsq(columns, measured)
+        covariance = np.linalg.inv(columns.T @ columns) * left / (len(columns) - columns.shape[1])
+        ends = np.log(deflection.max() / deflection.min()) / fit.K[j]
+        assert found.change[j] == pytest.approx(ends * slope[0], rel=1e-3)
+        assert found.standard_error[j] == pytest.approx(ends * np.sqrt(covariance[0, 0]), rel=1e-3)
+
+
 def test_one_amplitude_gives_no_trend() -> None:
     found = amplitude_dependence(identify_elasticity(drawn(2, 0), SERIAL, method="weighted"))
     assert np.all(np.isinf(found.standard_error))
