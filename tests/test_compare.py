@@ -6,6 +6,8 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 from urllib.parse import parse_qs
 
 import numpy as np
@@ -17,7 +19,7 @@ from typer.testing import CliRunner
 from jointid import Analysis, Inertia, JointIdError, MotionRecord, Study, analyse, save_study
 from jointid.answer import StiffnessUnit
 from jointid.cli import app as program
-from jointid.uncertainty.comparison import compare, comparison_sentence
+from jointid.uncertainty.comparison import comparable, compare, comparison_sentence
 
 run = CliRunner()
 
@@ -49,6 +51,20 @@ def test_a_stiffer_gear_is_found_with_its_standard_errors(first: Analysis) -> No
         assert row.sigmas == pytest.approx((row.second.value - row.first.value) / error)
     swapped = compare(second.quantities, first.quantities)
     assert [row.sigmas for row in swapped] == pytest.approx([-row.sigmas for row in rows])
+
+
+def test_sensors_of_one_study_are_compared_with_those_of_the_other() -> None:
+    """Motors, which have damping, are compared only with motors."""
+
+    def answer(*parameters: str, sensors: object = None) -> Any:
+        quantities = [SimpleNamespace(parameter=p, name=f"{p}1") for p in parameters]
+        return SimpleNamespace(quantities=quantities, unit=StiffnessUnit(), sensors=sensors)
+
+    behind, other = answer("K"), answer("K")
+    motors, alone = answer("K", "D", sensors=behind), answer("K", "D")
+    assert comparable(motors, other) == (behind, other)
+    assert comparable(other, motors) == (other, behind)
+    assert comparable(motors, alone) == (motors, alone)
 
 
 @pytest.mark.parametrize(
