@@ -37,7 +37,7 @@ from jointid.motion.friction import (
     with_load,
 )
 from jointid.motion.noise import _non_negative, repeated_variances, sensor_variances
-from jointid.motion.reversals import _polynomials, _stretches, _transforms
+from jointid.motion.reversals import _polynomials, _stretches, _transforms, segment_friction
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain, _rounding
@@ -543,6 +543,26 @@ def segment_of(velocity: np.ndarray, torque: np.ndarray, step_s: float, **change
     none = np.zeros(len(velocity))
     whole = [0, step_s, velocity, velocity, torque, False, 0, velocity.shape[1], *[none] * 7, 5, 60]
     return replace(Segment(*whole), **changed)
+
+
+def test_friction_that_fades_with_the_velocity_has_the_spectrum_of_its_samples() -> None:
+    """Of sign θ̇ · exp(−|θ̇|/w): sums over a fine grid, in which no reversal is near a sample."""
+    fine, coarse, w = 60_000, 2_000, np.array([[0.3, 2.0]])
+
+    def velocity(samples: int) -> np.ndarray:
+        phase = 2 * np.pi * (np.arange(samples) + 0.3 * samples / coarse) / samples
+        return (np.sin(3 * phase) + 0.4 * np.sin(8 * phase + 1))[None]
+
+    segment = segment_of(velocity(coarse), velocity(coarse), 1e-3)
+    coulomb, curve, *_ = segment_friction(segment, None, w)
+    v, band = velocity(fine), slice(segment.lowest - 1, segment.highest)
+    for found, samples in (
+        (coulomb[:, 0], np.sign(v[0])),
+        (curve[:, 0, 0], np.sign(v[0]) * np.exp(-np.abs(v[0]) / 0.3)),
+        (curve[:, 0, 1], np.sign(v[0]) * np.exp(-np.abs(v[0]) / 2.0)),
+    ):
+        expected = 2j / fine * np.fft.rfft(samples)[1 : segment.highest + 1]
+        np.testing.assert_allclose(found[band], expected[band], atol=2e-3)
 
 
 @pytest.mark.parametrize("held", [False, True])
