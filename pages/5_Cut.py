@@ -42,7 +42,7 @@ with stage:
     st.header(panels.headline(outcome), anchor=False)
     show_animation(outcome, name, dark=page.dark)
 panels.show_gears(page, settings, outcome)
-panels.show_meaning(outcome, settings, analysis.unit)
+panels.show_meaning(outcome, settings, analysis)
 
 show_tabs(
     "cut_details",

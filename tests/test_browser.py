@@ -180,6 +180,11 @@ def test_nothing_is_wider_than_a_phone(address: str, open_in: Callable[..., Page
     finished(page, "Records")
     expect(side).not_to_be_in_viewport()  # it would cover the page
     page.wait_for_function("!Object.keys(localStorage).some((key) => key.includes('SidebarCollapsed'))")
+    page.get_by_test_id("stExpandSidebarButton").click()
+    expect(side).to_be_in_viewport()
+    page.reload()
+    finished(page, "Records")
+    expect(side).not_to_be_in_viewport()
 
 
 def fleet_with(study: Study) -> tuple[list[Row], int]:

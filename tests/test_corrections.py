@@ -200,6 +200,8 @@ def test_a_correction_is_applied_and_undone_on_the_page(
     at = fix.click().run()
     table = next(t.value for t in at.table if "With the change" in t.value)
     assert list(table.iloc[0]) == ["State", "not usable", "usable"]
+    assert list(table["Now"][1:-1]) == ["–"] * 4  # an unusable answer has no K and D
+    assert "43.0" in table["With the change"][1]
     at = at.button(key="apply_change").click().run()
     assert not at.exception
     assert not at.error

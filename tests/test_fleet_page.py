@@ -80,6 +80,16 @@ def test_an_outlier_is_far_from_the_fleet_relative_to_its_own_error() -> None:
     assert not fleet_spread(rows[:4], "K", 1).outliers.any()  # too few to tell
 
 
+def test_an_answer_that_is_not_usable_has_no_part_in_spread_and_drift() -> None:
+    dates = [f"2026-{month:02d}-01" for month in range(1, 7)]
+    rows = [row(k, 43.0 + 0.1 * k, date=date) for k, date in enumerate(dates)]
+    broken = replace(row(9, 680.0, error=1e12, date="2026-07-01"), verdict="problem")
+    without, having = (fleet_spread(each, "K", 1) for each in (rows, [*rows, broken]))
+    assert having.rows == without.rows
+    assert having.median == without.median
+    assert robot_drift([*rows, broken], "K", 1, "A").value.size == len(rows)
+
+
 def test_a_robot_is_compared_with_itself_on_demand() -> None:
     rng = np.random.default_rng(3)
     rows = [row(k, 40 + 0.1 * rng.standard_normal(), robot="A") for k in range(20)]

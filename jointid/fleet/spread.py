@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2, median_abs_deviation, t, theilslopes
 
+from jointid.analysis import USABLE, WITH_CARE
 from jointid.arrays import Floats
 from jointid.fleet.row import Row
 
@@ -58,8 +59,8 @@ def fleet_spread(
 
     The expected distance from the centre is √(s² + e²): s is the robust spread of the compared values, e
     the value's own standard error. Neither the fleet's variation nor an uncertain study makes outliers.
-    Studies are compared with the whole fleet, or with those of the same robot. Rows without an answer,
-    with fewer joints or without a finite value are skipped.
+    Studies are compared with the whole fleet, or with those of the same robot. Rows without a usable
+    answer, with fewer joints or without a finite value are skipped.
     """
     having = tuple(row for row in rows if _has(row, quantity, joint))
     value, error = _of_joint(having, quantity, joint), _of_joint(having, f"{quantity}_error", joint)
@@ -78,7 +79,7 @@ def fleet_spread(
 
 
 def _has(row: Row, quantity: str, joint: int) -> bool:
-    if not row.is_good or len(getattr(row, quantity)) < joint:
+    if row.state not in (USABLE, WITH_CARE) or len(getattr(row, quantity)) < joint:
         return False
     both = (getattr(row, name)[joint - 1] for name in (quantity, f"{quantity}_error"))
     return all(np.isfinite(value) for value in both)
@@ -147,7 +148,7 @@ class Drift:
 def robot_drift(rows: Sequence[Row], quantity: str, joint: int, robot: str) -> Drift:
     """Return the drift of "K" or "D" of a joint, from 1, of one robot over its studies' dates.
 
-    Rows of other robots, with an error or without a date are skipped.
+    Rows of other robots, without a usable answer or without a date are skipped.
     """
     of_robot = (row for row in rows if row.robot == robot and row.date and _has(row, quantity, joint))
     having = sorted(of_robot, key=lambda row: (seconds(row.date), row.study))

@@ -32,7 +32,7 @@ from jointid.reporting.figures import (
     single_record_figure,
     torsion_figure,
 )
-from jointid.wording import capitalised, three_digits
+from jointid.wording import capitalised, chosen
 
 _GAP = 12.0
 """Between two figures side by side, points."""
@@ -141,7 +141,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
     servo = (
         "assumes rigid joints"
         if assumed is None
-        else f"assumes K = {three_digits(assumed.K)} N·m/rad and D = {three_digits(assumed.D)} N·m·s/rad"
+        else f"assumes K = {chosen(assumed.K)} N·m/rad and D = {chosen(assumed.D)} N·m·s/rad"
     )
     friction = outcome.robot.friction
     left = "" if outcome.depends_on_elasticity else remaining_error_text(outcome, friction=friction)

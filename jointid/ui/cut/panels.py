@@ -43,7 +43,7 @@ from jointid.ui.shared.messages import show_note, show_text_table, show_warning
 from jointid.ui.shared.method_steps import CUT
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.workspace import link_to
-from jointid.wording import capitalised, counted, three_digits, unbroken
+from jointid.wording import capitalised, chosen, counted, three_digits, unbroken
 
 
 def show_own_path(page: Page, analysis: Analysis, *, summary: bool = False) -> None:
@@ -96,32 +96,33 @@ def headline(outcome: Outcome) -> str:
     return unbroken(f"Path error{whose} {errors} ({outcome.which})")
 
 
-def show_meaning(outcome: Outcome, settings: CutSettings, unit: StiffnessUnit) -> None:
-    """State which robot cuts, and explain the two path errors; ``unit`` is the study's."""
+def show_meaning(outcome: Outcome, settings: CutSettings, analysis: Analysis) -> None:
+    """State which robot cuts, and explain the two path errors."""
     (st.caption if outcome.robot.rule == "direct" else st.info)(outcome.robot.meaning)
     if outcome.distribution is None:
         show_warning(f"The path error after the identification cannot be computed. {outcome.problem}")
     before, after = millimetres(outcome.before_m), millimetres(outcome.after_m)
     st.caption(
         "Path error: largest simulated distance of the tool from the reference path.\n"
-        f"- **Before, {before}**: {_robot(outcome.robot, unit)} {_servo(outcome, unit)}\n"
+        f"- **Before, {before}**: {_robot(outcome.robot, analysis)} "
+        f"{_servo(outcome, analysis.unit)}\n"
         f"- **After, {after}**: the servo assumes the identified values. "
         f"{accuracy_text(outcome, settings.servo, settings.friction, 'The tab Accuracy of K')}\n"
         f"- **Both**: {_conditions(settings)}"
     )
 
 
-def _robot(robot: CutRobot, unit: StiffnessUnit) -> str:
-    """K and D of the robot before the identification."""
-    values = _values(robot.elasticity, _of_the_arm(robot, unit))
+def _robot(robot: CutRobot, analysis: Analysis) -> str:
+    """K and D of the robot before the identification; those of the study as on its tiles."""
     if robot.rule == "demonstration":
-        return f"the example arm with the paper's {values}."
+        return f"the example arm with the paper's {_values(robot.elasticity, AT_MOTOR)}."
+    found, n, unit = [q.shown[0] for q in analysis.quantities], analysis.fit.n, analysis.unit
+    own = _with_units(", ".join(found[:n]), ", ".join(found[n:]), unit)
     if robot.rule != "relative":
-        return f"a robot with the identified {values}."
-    own, factor = robot.of_the_study(robot.elasticity), three_digits(robot.scale)
+        return f"a robot with the identified {own}."
     return (
-        f"the example arm with the identified values scaled by {factor}: {values}, where this study's "
-        f"robot has {_values(own, unit)}."
+        f"the example arm with the identified values scaled by {three_digits(robot.scale)}: "
+        f"{_values(robot.elasticity, AT_MOTOR)}, where this study's robot has {own}."
     )
 
 
@@ -144,8 +145,12 @@ def _servo(outcome: Outcome, unit: StiffnessUnit) -> str:
 
 def _values(elasticity: Elasticity, unit: StiffnessUnit) -> str:
     K, D = np.split(unit.shown(np.concatenate([elasticity.K, elasticity.D])), 2)
+    return _with_units(chosen(K), chosen(D), unit)
+
+
+def _with_units(K: str, D: str, unit: StiffnessUnit) -> str:
     side = "" if unit.is_default else f" {unit.side}"
-    return f"K = {three_digits(K)} N·m/{unit.angle}, D = {three_digits(D)} N·m·s/rad{side}"
+    return f"K = {K} N·m/{unit.angle}, D = {D} N·m·s/rad{side}"
 
 
 def accuracy_text(
@@ -178,7 +183,7 @@ def _conditions(settings: CutSettings) -> str:
     action = "compensates it"
     if servo.friction_compensation is None:
         action = "does not compensate it, which adds to the error"
-    coulomb = three_digits(settings.friction.coulomb)
+    coulomb = chosen(settings.friction.coulomb, digits=2)
     return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {action}."
 
 

@@ -59,7 +59,7 @@ def open_fleet() -> OpenFleet:
     fleet = _current()
     _restore(fleet)
     st.file_uploader(
-        "results.parquet as jointid batch writes it, or several studies (.zip)",
+        "results.parquet as jointid batch writes it, or studies, one .zip each",
         type=["parquet", "zip"],
         accept_multiple_files=True,
         help="Studies dropped here are analysed with the estimator auto.",

@@ -73,7 +73,8 @@ def show_spread(spreads: Sequence[Spread], *, dark: bool) -> None:
             )
     st.caption(
         "Solid line: median. Dotted lines: the robust spread to either side, 1.48 times the median "
-        "distance from the median. Crosses: outliers; ◄ and ►: studies beyond the axis."
+        "distance from the median. Crosses: outliers; ◄ and ►: studies beyond the axis. "
+        "Answers that are not usable are left out."
     )
 
 

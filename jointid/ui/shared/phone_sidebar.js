@@ -1,4 +1,4 @@
-// On a phone, the sidebar covers the page: it closes once a page is chosen.
+// On a phone, the sidebar covers the page: it closes once a page is chosen, and after F5.
 const NARROW = 768;
 const LINK = "[data-testid=stSidebar] [data-testid=stPageLink]";
 const KEPT = "stSidebarCollapsed-";
@@ -9,7 +9,11 @@ function close(event) {
   setTimeout(forget, 300);
 }
 
-// Streamlit remembers a closed sidebar; a wide window should show it again.
+function leave() {
+  if (innerWidth < NARROW) forget();
+}
+
+// Streamlit remembers whether it was open; each window should begin with what suits its width.
 function forget() {
   try {
     for (const key of Object.keys(localStorage)) if (key.startsWith(KEPT)) localStorage.removeItem(key);
@@ -20,5 +24,9 @@ function forget() {
 
 export default function () {
   document.addEventListener("click", close);
-  return () => document.removeEventListener("click", close);
+  addEventListener("pagehide", leave);
+  return () => {
+    document.removeEventListener("click", close);
+    removeEventListener("pagehide", leave);
+  };
 }

@@ -75,7 +75,7 @@ def _choose() -> str | None:
     st.session_state["chosen"] = chosen
     st.session_state["study"] = None if chosen is None else names[chosen]
     st.selectbox(
-        "Study",
+        "Chosen study",
         list(names.values()),
         format_func={name: label(name) for name in names.values()}.__getitem__,
         key="study",

@@ -23,6 +23,7 @@ from jointid.ui.shared.messages import (
 )
 from jointid.ui.shared.method_steps import ACTIONS, METHOD, OPEN_LOGS, OVERVIEW
 from jointid.ui.shared.page import Page
+from jointid.uncertainty.comparison import values_shown
 from jointid.verdict.evidence import Change
 from jointid.wording import UNDETERMINED, capitalised, counted, plain, significant, unbroken
 
@@ -101,7 +102,7 @@ def _compared(before: Analysis, after: Analysis) -> dict[str, list[str]]:
         misfit = float(np.sqrt(each.fit.misfit))
         columns[heading] = [
             each.state,
-            *(found.shown[0] for found in each.quantities),
+            *values_shown(each.quantities, usable=each.state != NOT_USABLE),
             significant(misfit, 2) if np.isfinite(misfit) else UNDETERMINED,
         ]
     return columns
