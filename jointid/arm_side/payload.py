@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
-from jointid.arm_side.mixed_model import Regression, low_frequency_noise
+from jointid.arm_side.mixed_model import Estimate, Regression, low_frequency_noise
 from jointid.arm_side.terms import waves
 from jointid.arrays import Floats
 from jointid.records import MotionRecord
@@ -25,9 +26,15 @@ cancel it by a heavier payload on lighter links: with 3 seconds of arc near 10 H
 _MEMORY_S = 0.5
 _FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
-"""Deviation of the torque's scale, in its standard deviations, and part of a torque's variation without
-explanation (rms) from which motors contradict the model. Real motors leave 0.01 to 0.03; exchanged or
-reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
+"""Deviation of the torque's scale, in its standard deviations, and unexplained part of a torque, from
+which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.18; exchanged
+or reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
+_FRICTION_COUNTS = 0.5
+"""Weight of friction beside the variation of a torque, of which that part is taken: in a move in one
+direction, friction hardly varies, but its law errs by parts of the whole."""
+_CHANCE, _FREEDOM = 1e-3, 10.0
+"""Probability that noise alone leaves more than the limit of the unexplained part, and number of fitted
+coefficients: a few seconds have few independent samples in the band of this fit."""
 _ZERO_STD = 0.5
 """Prior standard deviation of the zero of a joint angle, rad."""
 _MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
@@ -48,7 +55,8 @@ class MotorTorques:
     """Torque of each motor, without its rotor, over that of the robot model, shape (n,); NaN where the
     joint hardly moves."""
     left: Floats
-    """Part of its variation that neither model nor friction explain (rms), shape (n,); NaN likewise."""
+    """Part of it that neither model, friction, noise nor chance explain (rms), shape (n,); NaN
+    likewise."""
     zero: Floats
     """Angle to add to each logged joint angle, by these torques, (n,), rad; 0 where not estimated."""
     zero_std: Floats
@@ -152,6 +160,10 @@ class _Torques:
     """Change of the model's per standard deviation of links and counterbalance, (N, n, n + 1)."""
     gravity_std: Floats
     """Standard deviation of the links' gravity, shape (n,)."""
+    noise: Floats
+    """Standard deviation of the motors' white noise, shape (n,)."""
+    slow: GaussianFilter
+    """The band of this fit; that of the first record."""
 
     @classmethod
     def of(
@@ -172,7 +184,11 @@ class _Torques:
             for record, m, own in zip(records, motions, rotor, strict=True)
         ]
         gravity = np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
-        return cls(motions, motor, rotor, model, parts, torque_std * gravity)
+        fourth = [np.diff(record.tau_Nm[record.start :] @ back, 4, axis=0) for record in records]
+        noise = np.median(np.abs(np.concatenate(fourth)), axis=0) / 0.6745 / np.sqrt(70)  # no motion
+        first = motions[0].lowpass
+        slow = GaussianFilter(first.interval_s, _SLOWER * first.band_hz)
+        return cls(motions, motor, rotor, model, parts, torque_std * gravity, noise, slow)
 
     def of_joint(self, j: int, shared: _Shared) -> tuple[Regression, Floats, list[int]]:
         """Equation of joint j where it moves, prior standard deviations, first row of later records.
@@ -202,6 +218,18 @@ class _Torques:
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         return data, std, np.cumsum([part.size for part in y])[:-1].tolist()
 
+    def unexplained(self, j: int, data: Regression, fitted: Estimate) -> float:
+        """Part of the torque of joint j that only a wrong model leaves: lower confidence limit, rms."""
+        interval, resolution_s = self.slow.interval_s, 2 * np.sqrt(np.pi) * self.slow.width_s
+        step = max(1, int(1 / (8 * self.motions[0].lowpass.band_hz * interval)))
+        independent = data.y.size * step * interval / resolution_s
+        freedom = max(independent - _FREEDOM, 0.25 * independent)
+        left = data.residual(fitted).var() * freedom / chdtri(freedom, _CHANCE)
+        left -= self.noise[j] ** 2 * interval / resolution_s
+        friction = data.columns[:, -5:] @ fitted.beta[-5:]
+        whole = (data.y + data.columns[:, -7]).var() + _FRICTION_COUNTS**2 * np.mean(friction**2)
+        return float(np.sqrt(max(0.0, left) / max(1e-18, whole)))
+
 
 def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floats]:
     """Estimate the shared unknowns, and the scale and unexplained part of each motor's torque."""
@@ -219,10 +247,7 @@ def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floa
             fitted = data.estimate(noise, std)
             noise = low_frequency_noise(data.residual(fitted), later, lags, 10.0)
         fitted = data.estimate(noise, std)
-        of_model = std.size - 7
-        scale[j] = 1 + fitted.beta[of_model]
-        variation = float((data.y + data.columns[:, of_model]).std())
-        left[j] = data.residual(fitted).std() / max(1e-9, variation)
+        scale[j], left[j] = 1 + fitted.beta[-7], torques.unexplained(j, data, fitted)
         seen = std[:count] > 0
         information, of_seen = np.zeros((count, count)), np.ix_(seen, seen)
         information[of_seen] = np.linalg.inv(fitted.covariance[:count, :count][of_seen])
