@@ -67,16 +67,22 @@ def random_truth(rng: np.random.Generator, **changes: object) -> Truth:
 
 
 def motion_record(
-    truth: Truth, seed: int, seconds: float = 20.0, rate_hz: float = 250.0, creep_deg: float = 0.0
+    truth: Truth,
+    seed: int,
+    seconds: float = 20.0,
+    rate_hz: float = 250.0,
+    creep_deg: float = 0.0,
+    amplitude: float = 1.0,
 ) -> MotionRecord:
     """Joints 1 to 6 in slow random motion from rest to rest; sensors on the first three.
 
     With ``creep_deg``, joint 3 makes one slow move there and back of at most so many degrees.
+    ``amplitude`` scales the motion of all joints.
     """
     rng = np.random.default_rng(seed)
-    T = rng.uniform(1.5, 3.0)
+    T = min(rng.uniform(1.5, 3.0), seconds / 2)  # no jump of the velocity
     hertz = rng.uniform(0.1, 0.8, (4, 6))
-    size = np.deg2rad(rng.uniform(4, 14, (4, 6))) / (1 + 2 * hertz)
+    size = amplitude * np.deg2rad(rng.uniform(4, 14, (4, 6))) / (1 + 2 * hertz)
     if creep_deg:
         hertz[:, 2], size[:, 2] = 0.5 / seconds, np.deg2rad(creep_deg) / 4
     phase = rng.uniform(0, 2 * np.pi, (4, 6))

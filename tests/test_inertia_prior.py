@@ -21,7 +21,17 @@ from plants import (
 )
 from random_cases import tries
 
-from jointid import Elasticity, Inertia, JointIdError, Phasors, identify_elasticity
+from jointid import (
+    Elasticity,
+    Excitation,
+    Inertia,
+    JointIdError,
+    Phasors,
+    Study,
+    analyse,
+    identify_elasticity,
+    simulate_records,
+)
 from jointid.estimation.estimators.inertia_prior import InertiaPrior, checked_std
 from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.parameters import ParameterLayout
@@ -412,3 +422,19 @@ def test_a_regression_without_inertias_gives_those_of_the_robot_or_of_none(
             np.testing.assert_allclose(found[name], true, rtol=1e-6)
         drives = [Inertia(own * SERIAL.M, SERIAL.M2) for own in (1.0, 2.0)] * 6
         assert without_inertias(exact_phasors(hz, q, tau), InertiaPrior.of(drives, 12, 2)) is None
+
+
+def test_a_coupling_that_the_gears_add_is_no_wrong_unit() -> None:
+    """A robot model without the coupling of its wrist: K was right, and refused as another robot's."""
+    true = Elasticity(K=[52.3, 6.1], D=[0.2, 0.03])
+    M, M2 = [0.0025, 0.0010], np.array([[0.0041, 0.0], [0.0, 0.0019]])
+    added = 0.1 * np.sqrt(M2[0, 0] * M2[1, 1]) * (1 - np.eye(2))
+    records = simulate_records(
+        Inertia(M, M2 + added), true, np.geomspace(3, 30, 6), excitation=Excitation(duration_s=1.0)
+    )
+    for off, given, state in ((0.003, M2, "usable with care"), (1.0, 2.5 * M2, "not usable")):
+        found = analyse(Study(records, Inertia(M, given), inertia_std=0.05))
+        assert np.all(np.abs(found.fit.K / true.K - 1) < off)
+        assert found.state == state
+        said = found.findings[0].detail + found.findings[0].remedy
+        assert ("coupling matrix" in said) == (state == "usable with care")

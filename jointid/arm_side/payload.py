@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from jointid.arm_side.band_limited import BandLimited, GaussianFilter
-from jointid.arm_side.mixed_model import Regression, low_frequency_noise
+from jointid.arm_side.mixed_model import Estimate, Regression, low_frequency_noise
 from jointid.arm_side.terms import waves
 from jointid.arrays import Floats
 from jointid.records import MotionRecord
@@ -23,10 +24,17 @@ _SLOWER = 0.5
 vibration and ripple, which grows with the square of the frequency. It is the same in all columns, which
 cancel it by a heavier payload on lighter links: with 3 seconds of arc near 10 Hz, by 5 to 25 kg."""
 _MEMORY_S = 0.5
+_FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
-"""Deviation of the torque's scale, in its standard deviations, and part of a torque's variation without
-explanation (rms) from which motors contradict the model. Real motors leave 0.01 to 0.03; exchanged or
-reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
+"""Deviation of the torque's scale, in its standard deviations, and unexplained part of a torque, from
+which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.18; exchanged
+or reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
+_FRICTION_COUNTS = 0.5
+"""Weight of friction beside the variation of a torque, of which that part is taken: in a move in one
+direction, friction hardly varies, but its law errs by parts of the whole."""
+_CHANCE, _FREEDOM = 1e-3, 10.0
+"""Probability that noise alone leaves more than the limit of the unexplained part, and number of fitted
+coefficients: a few seconds have few independent samples in the band of this fit."""
 _ZERO_STD = 0.5
 """Prior standard deviation of the zero of a joint angle, rad."""
 _MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
@@ -47,7 +55,8 @@ class MotorTorques:
     """Torque of each motor, without its rotor, over that of the robot model, shape (n,); NaN where the
     joint hardly moves."""
     left: Floats
-    """Part of its variation that neither model nor friction explain (rms), shape (n,); NaN likewise."""
+    """Part of it that neither model, friction, noise nor chance explain (rms), shape (n,); NaN
+    likewise."""
     zero: Floats
     """Angle to add to each logged joint angle, by these torques, (n,), rad; 0 where not estimated."""
     zero_std: Floats
@@ -90,8 +99,8 @@ def payload_from_motors(
     with the zeros as given: fitted zeros would widen its error where they are correct.
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
-    data = records, motions, robot, torque_std, torque
-    shared, scale, left = _estimated(*data, payload, parts, near, np.ones(4))
+    torques = _Torques.of(records, motions, robot, torque_std, torque, parts)
+    shared, scale, left = _estimated(torques, _Shared(payload, near, np.ones(4)))
     root = np.linalg.cholesky((shared.covariance + shared.covariance.T) / 2)
     unknown = np.zeros(robot.n), np.full(robot.n, np.inf)
     found = MotorTorques(shared.mean, np.asarray(root, float), scale, left, *unknown)
@@ -103,7 +112,7 @@ def payload_from_motors(
         mass = max(0.0, robot.payload.mass + robot.payload.mass_std * load)
         turned = [_by_zeros(robot.with_payload(mass=mass), m) for m in motions]
         both = [np.concatenate(each, axis=2) for each in zip(payload, turned, strict=True)]
-        shared, _, _ = _estimated(*data, both, parts, start, std)
+        shared, _, _ = _estimated(torques, _Shared(both, start, std))
         load = float(shared.mean[0])
     return replace(found, zero=shared.mean[4:], zero_std=np.sqrt(np.diag(shared.covariance)[4:]))
 
@@ -119,45 +128,79 @@ def _by_zeros(robot: RobotModel, motion: BandLimited) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Shared:
-    """Unknowns that all joints share: mean (S,) and covariance (S, S)."""
+    """Unknowns that all joints share: torques per unit of each, and what is known before the fit."""
+
+    columns: list[Floats]
+    """Of every record, shape (N, n, S), N·m."""
+    near: Floats
+    """Values with which the torques of the model were computed, shape (S,)."""
+    std: Floats
+    """Prior standard deviations about 0, shape (S,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Estimate of the shared unknowns: mean (S,) and covariance (S, S)."""
 
     mean: Floats
     covariance: Floats
 
 
-def _estimated(
-    records: list[MotionRecord],
-    motions: list[BandLimited],
-    robot: RobotModel,
-    torque_std: float,
-    torque: list[Floats],
-    shared: list[Floats],
-    parts: list[Floats],
-    near: Floats,
-    prior_std: Floats,
-) -> tuple[_Shared, Floats, Floats]:
-    """Estimate S unknowns that all joints share, and the scale and unexplained part of each torque.
+@dataclass(frozen=True, eq=False)
+class _Torques:
+    """Torques at the joints in the band, of every record (N, n), N·m."""
 
-    ``shared``, shape (N, n, S), are the torques per unit of them; ``near``, shape (S,), the values with
-    which ``torque`` was computed; ``prior_std``, shape (S,), their prior standard deviations.
-    """
-    back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])
-    inertia = np.nan_to_num(robot.rotor_inertia)  # 0 where it is unknown
-    rotor = [np.asarray(inertia * (m.ddq @ back.T) @ back) for m in motions]
-    motor = [
-        m.lowpass(np.asarray(record.tau_Nm[record.start :])) @ back - own
-        for record, m, own in zip(records, motions, rotor, strict=True)
-    ]
-    gravity = torque_std * np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
-    count = prior_std.size
-    prior = np.diag(prior_std**-2.0)
-    opinions: list[tuple[Floats, Floats]] = [(prior, np.zeros(count))]
-    scale, left = np.full((2, robot.n), np.nan)
-    for j in range(motor[0].shape[1]):
-        y, columns, spans = [], [], []
-        for m, tau, spin, model, change, own in zip(
-            motions, motor, rotor, torque, shared, parts, strict=True
-        ):
+    motions: list[BandLimited]
+    motor: list[Floats]
+    """Of the motors, without their rotors."""
+    rotor: list[Floats]
+    model: list[Floats]
+    """Of the robot model."""
+    parts: list[Floats]
+    """Change of the model's per standard deviation of links and counterbalance, (N, n, n + 1)."""
+    gravity_std: Floats
+    """Standard deviation of the links' gravity, shape (n,)."""
+    noise: Floats
+    """Standard deviation of the motors' white noise, shape (n,)."""
+    slow: GaussianFilter
+    """The band of this fit; that of the first record."""
+
+    @classmethod
+    def of(
+        cls,
+        records: list[MotionRecord],
+        motions: list[BandLimited],
+        robot: RobotModel,
+        torque_std: float,
+        model: list[Floats],
+        parts: list[Floats],
+    ) -> "_Torques":
+        """Reflect the logged torques through the gears, in the band of the motions."""
+        back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])
+        inertia = np.nan_to_num(robot.rotor_inertia)  # 0 where it is unknown
+        rotor = [np.asarray(inertia * (m.ddq @ back.T) @ back) for m in motions]
+        motor = [
+            m.lowpass(np.asarray(record.tau_Nm[record.start :])) @ back - own
+            for record, m, own in zip(records, motions, rotor, strict=True)
+        ]
+        gravity = np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
+        fourth = [np.diff(record.tau_Nm[record.start :] @ back, 4, axis=0) for record in records]
+        noise = np.median(np.abs(np.concatenate(fourth)), axis=0) / 0.6745 / np.sqrt(70)  # no motion
+        first = motions[0].lowpass
+        slow = GaussianFilter(first.interval_s, _SLOWER * first.band_hz)
+        return cls(motions, motor, rotor, model, parts, torque_std * gravity, noise, slow)
+
+    def of_joint(self, j: int, shared: _Shared) -> tuple[Regression, Floats, list[int]]:
+        """Equation of joint j where it moves, prior standard deviations, first row of later records.
+
+        The columns are those of ``shared``, the parts, gravity as a wave, the torques of model and
+        rotor, then five of friction and offset.
+        """
+        y, columns = [], []
+        of_record = zip(
+            self.motions, self.motor, self.rotor, self.model, shared.columns, self.parts, strict=True
+        )
+        for m, motor, rotor, model, change, own in of_record:
             dt, band = m.lowpass.interval_s, m.lowpass.band_hz
             slower = GaussianFilter(dt, band * (_SLOWER**-2 - 1) ** -0.5)
             reach = m.lowpass.reach + slower.reach
@@ -165,40 +208,65 @@ def _estimated(
             rows = rows[np.abs(m.dq[rows, j]) > _SLIP * np.abs(m.dq[:, j]).max()]
             sign = m.lowpass(np.sign(m.dq[:, j]))  # reversals as wide as in the torque
             v, s = m.dq[:, j], model[:, j]
-            X = [change[:, j].T, own[:, j].T, gravity[j] * waves(m.q[:, j], np.ones(1)).T]
-            X += [s, spin[:, j], sign, sign * np.abs(s), v, v * np.abs(v), np.ones(v.size)]
-            y.append(slower(tau[:, j] - s)[rows])
+            X = [change[:, j].T, own[:, j].T, self.gravity_std[j] * waves(m.q[:, j], np.ones(1)).T]
+            X += [s, rotor[:, j], sign, sign * np.abs(s), v, v * np.abs(v), np.ones(v.size)]
+            y.append(slower(motor[:, j] - s)[rows])
             columns.append(slower(np.vstack(X).T)[rows])
-            spans.append(rows.size)
         data = Regression(np.concatenate(y), np.concatenate(columns))
-        if data.y.size < 40:
-            continue
-        own_place = count + parts[0].shape[2] + 2
-        std = np.r_[prior_std, np.ones(own_place - count), _SCALE_STD, _ROTOR_STD, np.full(5, np.inf)]
+        model_std = np.ones(self.parts[0].shape[2] + 2)
+        std = np.concatenate([shared.std, model_std, [_SCALE_STD, _ROTOR_STD], np.full(5, np.inf)])
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
+        return data, std, np.cumsum([part.size for part in y])[:-1].tolist()
+
+    def unexplained(self, j: int, data: Regression, fitted: Estimate) -> float:
+        """Part of the torque of joint j that only a wrong model leaves: lower confidence limit, rms."""
+        interval, resolution_s = self.slow.interval_s, 2 * np.sqrt(np.pi) * self.slow.width_s
+        step = max(1, int(1 / (8 * self.motions[0].lowpass.band_hz * interval)))
+        independent = data.y.size * step * interval / resolution_s
+        freedom = max(independent - _FREEDOM, 0.25 * independent)
+        left = data.residual(fitted).var() * freedom / chdtri(freedom, _CHANCE)
+        left -= self.noise[j] ** 2 * interval / resolution_s
+        friction = data.columns[:, -5:] @ fitted.beta[-5:]
+        whole = (data.y + data.columns[:, -7]).var() + _FRICTION_COUNTS**2 * np.mean(friction**2)
+        return float(np.sqrt(max(0.0, left) / max(1e-18, whole)))
+
+
+def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floats]:
+    """Estimate the shared unknowns, and the scale and unexplained part of each motor's torque."""
+    joints, count = torques.gravity_std.size, shared.std.size
+    prior = np.diag(shared.std**-2.0)
+    opinions: list[tuple[Floats, Floats]] = []
+    scale, left = np.full((2, joints), np.nan)
+    for j in range(joints):
+        data, std, later = torques.of_joint(j, shared)
+        if data.y.size < _FEWEST:
+            continue
         noise = float(data.y.std())
-        lags = int(_MEMORY_S * 8 * motions[0].lowpass.band_hz)
+        lags = int(_MEMORY_S * 8 * torques.motions[0].lowpass.band_hz)
         for _ in range(_ROUNDS):
             fitted = data.estimate(noise, std)
-            noise = low_frequency_noise(data.residual(fitted), list(np.cumsum(spans)[:-1]), lags, 10.0)
+            noise = low_frequency_noise(data.residual(fitted), later, lags, 10.0)
         fitted = data.estimate(noise, std)
-        own_torque = data.columns[:, own_place]
-        scale[j] = 1 + fitted.beta[own_place]
-        left[j] = data.residual(fitted).std() / max(1e-9, float((data.y + own_torque).std()))
+        scale[j], left[j] = 1 + fitted.beta[-7], torques.unexplained(j, data, fitted)
         seen = std[:count] > 0
         information, of_seen = np.zeros((count, count)), np.ix_(seen, seen)
         information[of_seen] = np.linalg.inv(fitted.covariance[:count, :count][of_seen])
         alone = information - prior * seen
-        opinions.append((alone, information @ fitted.beta[:count] + alone @ near))
-    information = np.sum([A for A, _ in opinions], axis=0)
-    mean = np.asarray(np.linalg.solve(information, np.sum([b for _, b in opinions], axis=0)), float)
+        opinions.append((alone, information @ fitted.beta[:count] + alone @ shared.near))
+    return _combined(opinions, prior), scale, left
+
+
+def _combined(opinions: list[tuple[Floats, Floats]], prior: Floats) -> _Found:
+    """Combine what each joint says, information (S, S) and its product with the estimate, (S,)."""
+    zero = np.zeros(len(prior))
+    information = prior + sum((A for A, _ in opinions), 0 * prior)
+    mean = np.asarray(np.linalg.solve(information, sum((b for _, b in opinions), zero)), float)
     # joints that contradict each other are all less certain than their noise (Birge's ratio)
-    excess = sum(_distance(A, b, mean) for A, b in opinions[1:]) / max(1, 3 * (len(opinions) - 1) - 4)
-    precision, right = opinions[0][0], opinions[0][1]
-    for A, b in opinions[1:]:
-        precision, right = precision + A / max(1.0, excess), right + b / max(1.0, excess)
-    covariance = np.linalg.inv(precision)
-    return _Shared(np.asarray(covariance @ right), np.asarray(covariance)), scale, left
+    excess = sum(_distance(A, b, mean) for A, b in opinions) / max(1, 3 * len(opinions) - 4)
+    wider = max(1.0, excess)
+    covariance = np.linalg.inv(prior + (information - prior) / wider)
+    right = sum((b for _, b in opinions), zero) / wider
+    return _Found(np.asarray(covariance @ right), np.asarray(covariance))
 
 
 def _distance(information: Floats, right: Floats, mean: Floats) -> float:

@@ -150,7 +150,13 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             f"{times_noise(own.misfit)}, and "
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
-    absurd = not exact and off[0][0] > _ABSURD
+    couplings = all(_is_coupling(other) for _, other in off)
+    absurd = not exact and any(
+        size > _ABSURD and (not _is_coupling(other) or _far_coupled(evidence, own))
+        for size, other in off
+    )
+    if couplings and not absurd:
+        accounts += " Only couplings differ: gears that couple the motors of these joints do this."
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (
@@ -164,12 +170,30 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
         ("" if row.unit else "Check rated torques and torque constants. ")
+        + "Give the robot model the coupling matrix of its gears. " * (couplings and not absurd)
         + "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
         "of the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
         *([] if absurd or not row.unit else [Change("inertias", (), (LOOSE,) * exact, own_inertias)]),
     )
+
+
+def _is_coupling(row: PriorRow) -> bool:
+    """Whether it is an element J_ij of M2 beside its diagonal."""
+    return row.name[:2] == "J_" and row.name[2].isdigit()
+
+
+def _far_coupled(evidence: Evidence, own: ElasticityFit) -> bool:
+    """Whether couplings differ by as much of the arms' inertias as these themselves would have to.
+
+    The prior of a small coupling is narrow: gears whose coupling is left out exceed it many times.
+    """
+    shares = [0.0]
+    for given, fitted in zip(evidence.inertias, own.inertias, strict=True):
+        size = np.sqrt(np.outer(np.diag(given.M2), np.diag(given.M2)))
+        shares.append(float(np.abs(np.tril(fitted.M2 - given.M2, -1) / size).max()))
+    return max(shares) > _ABSURD * own.prior.inertia_std
 
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
