@@ -36,7 +36,12 @@ from jointid.verdict.evidence import (
     times_noise,
     warning,
 )
-from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
+from jointid.verdict.rules_causes import (
+    CLEAR,
+    distortion,
+    has_unmodelled_friction,
+    leads_beside_friction,
+)
 from jointid.verdict.rules_model import EXPLAINED, contradicts
 from jointid.verdict.scorer import Hypothesis, Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
@@ -53,6 +58,9 @@ standard deviations, over those as logged, from which axes look swapped or rever
 _FAR, _SURELY = np.log(2.0), 0.2
 """Logarithm of fitted over given diagonals from which a start value is wrong (start values lie within
 50 %), and largest relative error of the fitted rotor inertias that show it."""
+_FAR_NEARER = 0.7
+"""Power of the residual under other inertias, over that under the given ones, from which these are wrong
+although presliding friction is not modelled: 0.94 to 1.1 where the inertias were right."""
 _Probe = tuple[Model | None, Estimate]
 _IMITATIONS = ("delay", "lag", *FILTERS, *ARM_EFFECTS)
 """Effects that explain motions under wrong inertias given as exact: the noise of motions is that of the
@@ -178,12 +186,27 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     imitated = any(name in fit.parameters.layout for name in _IMITATIONS)
     if evidence.has_motions and fit.prior.inertia_std == 0 and (imitated or fit.contradicts_inertias):
         prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
-        return _refitted(evidence, prior, fit.misfit)
+        if leads_beside_friction(fit) and not fit.contradicts_inertias:
+            return None
+        own = _refitted(evidence, prior, fit.misfit)
+        if own is not None and leads_beside_friction(own) and not _is_far_nearer(own, fit):
+            return None  # they imitate a part of the friction
+        return own
     if "M2" in fit.parameters.layout:
         return fit if fit.misfit <= EXPLAINED else None
     if fit.misfit <= EXPLAINED:
         return fit if "torque_scale" in fit.parameters.layout else None
     return _refitted(evidence, replace(fit.prior, inertia_std=LOOSE, torque_std=0.0), fit.misfit)
+
+
+def _is_far_nearer(one: ElasticityFit, other: ElasticityFit) -> bool:
+    """Whether the residual of some joint is far smaller than that of the other fit."""
+
+    def power(fit: ElasticityFit) -> Floats:
+        weight = 1 / fit.residual_noise**2
+        return np.asarray((weight * np.abs(fit.residual) ** 2).sum(axis=0) / weight.sum(axis=0))
+
+    return bool(np.any(power(one) < _FAR_NEARER * power(other)))
 
 
 def _same_model(phasors: Phasors, prior: InertiaPrior, fit: ElasticityFit) -> _Probe:
