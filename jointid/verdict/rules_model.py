@@ -240,8 +240,9 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
 def _left_of_torque(fit: ElasticityFit) -> tuple[float, bool]:
     """Residual beyond the noise over the torque, of the worst joint; whether it is too small to matter.
 
-    Both are weighted as in the fit: at low frequencies, the noise may exceed the torque. The whole
-    residual moves K by about its share, and D by its share over the loss angle D ω/K.
+    Both are weighted as in the fit: at low frequencies, the noise may exceed the torque. The residual
+    moves K by about its share, and D by its share over the loss angle D ω/K; where the harmonics show an
+    error of the model, that includes the noise, which may hide the part of it that moves K and D.
     """
     noise, least = fit.residual_noise, fit.residual_noise.min(axis=0)
     with np.errstate(invalid="ignore"):  # equations without noise have all the weight
@@ -252,7 +253,8 @@ def _left_of_torque(fit: ElasticityFit) -> tuple[float, bool]:
     loss = np.abs(fit.D / fit.K) * fit.equations.omega.max()
     known = relative(fit.noise_error, fit.estimate).max() < _FINE
     bound = np.minimum(_NEGLIGIBLE_K, _NEGLIGIBLE_D * loss)
-    return float(beyond.max()), bool(known and np.all(relative(left, torque) < bound))
+    share = beyond if fit.misfit <= EXPLAINED else relative(left, torque)
+    return float(beyond.max()), bool(known and np.all(share < bound))
 
 
 def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
