@@ -422,9 +422,10 @@ def test_an_error_below_the_noise_is_negligible_where_the_harmonics_are_explaine
     misfit: float, negligible: bool
 ) -> None:
     """A gear with slopes had a warning for 0.006 % of the torque, and K within 0.02 %."""
-    fit = limited(misfit, 0.001)
-    fit.residual_noise = fit.residual / (1 + 1e-9)
-    assert rules_model._left_of_torque(fit)[1] == negligible
+    for error, known in ((0.9e-3, True), (1.1e-3, False)):
+        fit = limited(misfit, 0.001, K=error)
+        fit.residual_noise = fit.residual / (1 + 1e-9)
+        assert rules_model._left_of_torque(fit)[1] == (negligible and known)
 
 
 def test_the_error_of_a_model_is_the_residual_beyond_the_noise() -> None:
