@@ -214,8 +214,8 @@ def unmodelled_presliding(evidence: Evidence) -> Iterator[Finding]:
     yield warning(
         "The model does not fully explain the friction of the motors",
         "The fit has torques that lead, as they do where friction acts like a spring before a motor "
-        f"slides (presliding), and its residual is {times_noise(fit.times_logged_noise)} of the torques "
-        "as logged. K and D may be off by more than their error bars.",
+        f"slides (presliding), and a residual of {times_noise(fit.times_logged_noise)}, the noise being "
+        "that of the logged torques. K and D may be off by more than their error bars.",
         "Move the joints faster, with torques well above their friction, or measure with sines. If the "
         "logged torques are filtered, log them without the filter.",
         float(relative(fit.standard_error, fit.estimate).max()),
