@@ -36,7 +36,7 @@ from jointid.motion.friction import (
     seen_angles,
     with_load,
 )
-from jointid.motion.noise import _non_negative, repeated_variances, sensor_variances
+from jointid.motion.noise import _non_negative, logged_noise, repeated_variances, sensor_variances
 from jointid.motion.reversals import _polynomials, _stretches, _transforms, segment_friction
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectra import motion_phasors
@@ -1135,3 +1135,10 @@ def test_the_friction_curve_has_the_shape_of_any_stribeck_curve(
     Q, _ = np.linalg.qr(np.stack(parts, axis=1))
     curves = np.stack([shape(speed / width) for width in np.geomspace(0.01, 0.5, 14)], axis=1)
     assert np.sqrt(np.mean((curves - Q @ (Q.T @ curves)) ** 2)) < most
+
+
+def test_the_noise_of_logged_torques_is_bounded_by_the_quietest_part_of_their_spectrum() -> None:
+    rng = np.random.default_rng(3)
+    slow = 50 * np.sin(0.02 * np.arange(8000)) + np.cumsum(rng.standard_normal(8000))
+    found = logged_noise(np.stack([slow, 0 * slow]) + [[2.0], [0.1]] * rng.standard_normal((2, 8000)))
+    np.testing.assert_allclose(found, [4.5, 0.0105], rtol=0.15)  # with the quietest part of the walk

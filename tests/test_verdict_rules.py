@@ -13,6 +13,7 @@ from scipy.special import fdtri
 from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.uncertainty.answer_tables import PriorRow
 from jointid.verdict import (
     cause_findings,
@@ -310,7 +311,7 @@ def limited(misfit: float, left: float, *, inflation: float = 1.0, K: float = 0.
     fit.equations = case(
         spring_torque=torque, omega=np.array([200.0]), noise=case(degrees_of_freedom=np.ones(6))
     )
-    fit.residual, fit.residual_noise = left * torque, left * torque
+    fit.residual, fit.residual_noise = left * torque, left / np.sqrt(misfit) * torque
     fit.phasors = case(labels=tuple("abcdef"))
     return fit
 
@@ -414,6 +415,34 @@ def test_a_residual_is_negligible_only_beside_well_known_values() -> None:
     assert not rules_model._left_of_torque(fit)[1]
     fit.residual = 0.9 * fit.residual
     assert rules_model._left_of_torque(fit)[1]
+
+
+@pytest.mark.parametrize(("misfit", "negligible"), [(2.9, True), (3.1, False)])
+def test_an_error_below_the_noise_is_negligible_where_the_harmonics_are_explained(
+    misfit: float, negligible: bool
+) -> None:
+    """A gear with slopes had a warning for 0.006 % of the torque, and K within 0.02 %."""
+    for error, known in ((0.9e-3, True), (1.1e-3, False)):
+        fit = limited(misfit, 0.001, K=error)
+        fit.residual_noise = fit.residual / (1 + 1e-9)
+        assert rules_model._left_of_torque(fit)[1] == (negligible and known)
+
+
+def test_the_error_of_a_model_is_the_residual_beyond_the_noise() -> None:
+    """Of data that fit the model it was 39 to 280 % of the torque: noise at the lowest frequencies."""
+    fit = limited(1.0, 0.0)
+    fit.residual_noise = np.full((6, 2), 0.01)
+    fit.residual_noise[0] = 5.0
+    fit.residual = fit.residual_noise.copy()
+    assert rules_model._left_of_torque(fit)[0] < 1e-9
+    fit.residual[1:, 0] = np.hypot(0.01, 0.03)  # the model's error is 3 % of the torque
+    assert rules_model._left_of_torque(fit)[0] == pytest.approx(0.03, rel=1e-3)
+    fit.residual_noise[0], fit.residual[0] = np.inf, 7.0  # unknown torques
+    assert rules_model._left_of_torque(fit)[0] == pytest.approx(0.03, rel=1e-3)
+    fit.residual_noise[1:] = 0.0
+    assert rules_model._left_of_torque(fit)[0] == pytest.approx(np.hypot(0.01, 0.03))
+    fit.residual_noise[:] = np.inf
+    assert rules_model._left_of_torque(fit)[0] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -771,6 +800,55 @@ def test_effects_beside_exact_inertias_of_motions_are_tried_without_these(
     for free in asked:  # around the payload of the fit
         assert free.inertia_std == 0.3
         np.testing.assert_array_equal(free.M2, [1.1 * np.eye(2)])
+
+
+def leading(times_sigma: float = -4.1, residual: float = 1.0, **parts: Any) -> Any:
+    """A fit of motions with friction and a delay of some standard errors."""
+    layout = ParameterLayout.of(2, friction=True, delay=True)
+    parts |= {"parameters": layout.named(layout.pack(delay=1e-5 * times_sigma))}
+    parts |= {"errors": layout.named(layout.pack(delay=1e-5)), "residual_noise": np.ones((4, 2))}
+    return two_joints(residual=np.full((4, 2), residual), **parts)
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "contradicted", "left", "blamed"),
+    [
+        (-4.1, False, 0.1, False),
+        (-3.9, False, 1.0, True),
+        (-4.1, True, 0.84, False),
+        (-4.1, True, 0.83, True),
+        (4.1, False, 1.0, True),
+    ],
+)
+def test_inertias_that_imitate_presliding_friction_are_not_blamed(
+    monkeypatch: pytest.MonkeyPatch, sigmas: float, contradicted: bool, left: float, blamed: bool
+) -> None:
+    """Right inertias looked wrong beside LuGre friction: others left the same residual, and the lead."""
+    given = Inertia([0.1, 0.1], np.eye(2))
+    parts = {"prior": InertiaPrior.of(given, 3, 2, inertia_std=0.0), "inertias": (given,) * 3}
+    fit, own = leading(sigmas, contradicts_inertias=contradicted, **parts), leading(sigmas, left)
+    monkeypatch.setattr(rules_inertia, "_refitted", lambda *_: own)
+    found = rules_inertia.judged(case(fit=fit, has_motions=True))
+    assert (found is own) == blamed
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "times", "hold", "warns"),
+    [
+        (-4.1, 3.1, "", True),
+        (-4.1, 2.9, "", False),
+        (-3.9, 3.1, "", False),
+        (4.1, 9.0, "", False),
+        (-4.1, 3.1, "State the hold.", False),
+    ],
+)
+def test_torques_that_lead_beside_friction_show_presliding(
+    monkeypatch: pytest.MonkeyPatch, sigmas: float, times: float, hold: str, warns: bool
+) -> None:
+    """K and D of motions with LuGre friction were five stated errors off without a warning."""
+    monkeypatch.setattr(rules_causes, "half_a_sample", lambda _: (hold, []))
+    given = case(fit=leading(sigmas, times_logged_noise=times))
+    assert levels(rules_causes.unmodelled_presliding(given)) == ["warning"] * warns
 
 
 @pytest.mark.parametrize("contradicted", [False, True])

@@ -26,6 +26,7 @@ from jointid.estimation.motion_noise import (
     contradicts_inertias,
     noise_differs,
     noise_of_rows,
+    times_logged_noise,
     with_first_noise,
     with_noise,
     with_torque_noise,
@@ -209,6 +210,7 @@ def _identified(
         prior=given,
         inertias=tuple(estimate.inertias[row] for row in np.unique(source, return_index=True)[1]),
         contradicts_inertias=contradicts_inertias(*searched, fit.standard_error),
+        times_logged_noise=times_logged_noise(phasors) if phasors.motion.any() else 0.0,
     )
 
 

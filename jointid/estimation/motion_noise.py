@@ -20,6 +20,7 @@ from jointid.estimation.model_fits import evaluated, fit_model, stepped
 from jointid.estimation.model_selection import FAR, LOOSE
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances
+from jointid.motion.noise import logged_noise
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Motors
 
@@ -86,6 +87,15 @@ def with_torque_noise(
             own = replace(segment, torque_variance=torque, turn_rad_s=late, unknown_Nm=unknown)
             segments[row], covariance[row, : own.highest] = own, own.covariance
     return replace(phasors, harmonic_covariance=covariance, segments=tuple(segments))
+
+
+def times_logged_noise(phasors: Phasors) -> float:
+    """Variance of the torques by the residual of motions over the most in their logs; largest joint."""
+    own = [each for each in phasors.segments if each is not None]
+    logged = {each.record: logged_noise(each.torque) for each in own}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = [each.torque_variance / logged[each.record] for each in own]
+    return float(np.nan_to_num(np.mean(ratios, axis=0)).max())
 
 
 def noise_differs(one: Phasors, other: Phasors, same: float = SAME) -> bool:

@@ -68,6 +68,17 @@ def sensor_variances(
     return variance, most
 
 
+def logged_noise(samples: Floats) -> Floats:
+    """Most that the variance of white noise in samples (n, N) can be, shape (n,).
+
+    It is the least mean power of neighbouring lines, with its uncertainty.
+    """
+    window = np.hanning(samples.shape[1])
+    lines = np.abs(np.fft.rfft(samples * window, axis=1)[:, 1:]) ** 2 / (window @ window)
+    most = [_means(each) * (1 + _SURE * np.sqrt(2 / _counts(each))) for each in lines]
+    return np.asarray(np.min(most, axis=1))
+
+
 def repeated_variances(parts: Sequence[UniformPart]) -> Floats:
     """Variance of each angle's samples that the periods share, times the further periods, shape (n,).
 

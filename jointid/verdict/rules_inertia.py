@@ -36,7 +36,13 @@ from jointid.verdict.evidence import (
     times_noise,
     warning,
 )
-from jointid.verdict.rules_causes import CLEAR, distortion, has_unmodelled_friction
+from jointid.verdict.rules_causes import (
+    CLEAR,
+    distortion,
+    has_unmodelled_friction,
+    is_far_nearer,
+    leads_beside_friction,
+)
 from jointid.verdict.rules_model import EXPLAINED, contradicts
 from jointid.verdict.scorer import Hypothesis, Scorer
 from jointid.verdict.wrong_data import axis_hypotheses, low_frequency_inertia
@@ -202,7 +208,12 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     imitated = any(name in fit.parameters.layout for name in _IMITATIONS)
     if evidence.has_motions and fit.prior.inertia_std == 0 and (imitated or fit.contradicts_inertias):
         prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
-        return _refitted(evidence, prior, fit.misfit)
+        if leads_beside_friction(fit) and not fit.contradicts_inertias:
+            return None
+        own = _refitted(evidence, prior, fit.misfit)
+        if own is not None and leads_beside_friction(own) and not is_far_nearer(own, fit):
+            return None  # they imitate a part of the friction
+        return own
     if "M2" in fit.parameters.layout:
         return fit if fit.misfit <= EXPLAINED else None
     if fit.misfit <= EXPLAINED:

@@ -144,14 +144,10 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
     left = f"The residual is {times_noise(fit.misfit)}"
     if freedom > 0:
         left += f" (at the frequencies of the motion: {times_noise(max(misfit, 1.0))})"
-    left += f" and {percent(share_left)} of the torque"
+    left += f"; beyond the noise it is {percent(share_left)} of the torque" * (share_left > 0)
     if is_negligible:
-        yield note(
-            "The residual is above the noise, but negligible",
-            f"{left}: too little to change K or D noticeably.",
-            "",
-            share_left,
-        )
+        text = f"{left}: too little to change K or D noticeably."
+        yield note("The residual is above the noise, but negligible", text, "", share_left)
         return
     if fit.inflation > 1:
         widened = times_noise(fit.inflation).removesuffix(" × noise")
@@ -179,8 +175,8 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
 
 def contradicts(fit: ElasticityFit) -> bool:
     """Whether the residual is so large that the answer is not usable."""
-    share_left, _ = _left_of_torque(fit)
-    return share_left > _MUCH and max(fit.misfit, fit.fundamental[0]) * share_left > _CONTRADICTED
+    left = _left_of_torque(fit)[0]
+    return left > _MUCH and max(fit.misfit, fit.fundamental[0]) * left > _CONTRADICTED
 
 
 def _share_of_angles(fit: ElasticityFit) -> float:
@@ -242,16 +238,24 @@ def _usual_cause(evidence: Evidence, odd_record: str) -> str:
 
 
 def _left_of_torque(fit: ElasticityFit) -> tuple[float, bool]:
-    """Residual over the torque of the worst joint, and whether it is too small to move K or D.
+    """Residual beyond the noise over the torque, of the worst joint; whether it is too small to matter.
 
-    It moves K by about its share, and D by its share over the loss angle D ω/K.
+    Both are weighted as in the fit: at low frequencies, the noise may exceed the torque. The residual
+    moves K by about its share, and D by its share over the loss angle D ω/K. Where the harmonics show an
+    error of the model, it includes the noise, which may hide a part; elsewhere K and D are well known.
     """
-    torque = np.linalg.norm(fit.equations.spring_torque, axis=0)
-    share = relative(np.linalg.norm(fit.residual, axis=0), torque)
+    noise, least = fit.residual_noise, fit.residual_noise.min(axis=0)
+    with np.errstate(invalid="ignore"):  # equations without noise have all the weight
+        weight = np.nan_to_num(least / noise, nan=1.0)
+    torque, left = np.linalg.norm(weight * np.stack([fit.equations.spring_torque, fit.residual]), axis=1)
+    by_noise = least**2 * np.count_nonzero(weight, axis=0)
+    beyond = relative(np.sqrt(np.maximum(left**2 - by_noise, 0.0)), torque)
     loss = np.abs(fit.D / fit.K) * fit.equations.omega.max()
-    known = relative(fit.noise_error, fit.estimate).max() < _FINE
+    hidden = fit.misfit <= EXPLAINED
+    known = relative(fit.noise_error, fit.estimate).max() < _FINE * (0.1 if hidden else 1.0)
     bound = np.minimum(_NEGLIGIBLE_K, _NEGLIGIBLE_D * loss)
-    return float(share.max()), bool(known and np.all(share < bound))
+    share = beyond if hidden else relative(left, torque)
+    return float(beyond.max()), bool(known and np.all(share < bound))
 
 
 def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
