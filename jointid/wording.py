@@ -162,9 +162,9 @@ def plain(value: float) -> str:
     return significant(value, 3) if "e" in mantissa else minus(mantissa)
 
 
-def chosen(values: Iterable[float], digits: int = 4) -> str:
-    """Return chosen numbers with commas between them, rounded to some digits: "20, 3.5"."""
-    return ", ".join(plain(float(f"{value:.{digits}g}")) for value in values)
+def chosen(values: Iterable[float]) -> str:
+    """Return chosen numbers with commas between them, of up to four digits: "20, 3.5"."""
+    return ", ".join(plain(float(f"{value:.4g}")) for value in values)
 
 
 def _last_place(error: float) -> int:

@@ -262,6 +262,30 @@ def test_calls_wait_in_order_and_a_stopped_one_leaves_the_queue(ready: Pool) -> 
     assert served == sorted(served)
 
 
+def test_a_stopped_pool_takes_no_call() -> None:
+    mine = Pool(1)
+    answers(mine)
+    mine.stop()
+    assert not mine.is_ready
+    with pytest.raises(NoWorkerError):
+        mine.call(os.getpid)
+
+
+def test_a_queued_call_waits_for_a_process_that_is_starting(ready: Pool) -> None:
+    """The only one ends, while another is starting: the next call needs no process here."""
+    answers(ready)
+    stop = Stop()
+    with ThreadPoolExecutor(2) as threads:
+        busy = threads.submit(partial(ready.call, sleep, PATIENCE_S, stop=stop))
+        until(lambda: stop.child is not None)
+        queued = threads.submit(ready.call, os.getpid)
+        until(lambda: len(ready._waiting) == 1)
+        stop.set()
+        with pytest.raises(StoppedError):
+            busy.result(PATIENCE_S)
+        assert queued.result(PATIENCE_S) != os.getpid()
+
+
 def test_the_lock_is_released_after_an_error(pool: Pool) -> None:
     def fails() -> None:
         raise ValueError("no")

@@ -19,7 +19,7 @@ from jointid.estimation import motion_noise
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.identify_motion import _few, _lines
-from jointid.estimation.motion_noise import noise_differs, with_torque_noise
+from jointid.estimation.motion_noise import noise_differs, times_logged_noise, with_torque_noise
 from jointid.gears.motor_motion import MotorMotion
 from jointid.motion.arm_motion import DrivenArms, _directions
 from jointid.motion.band import proposed_band
@@ -1142,3 +1142,22 @@ def test_the_noise_of_logged_torques_is_bounded_by_the_quietest_part_of_their_sp
     slow = 50 * np.sin(0.02 * np.arange(8000)) + np.cumsum(rng.standard_normal(8000))
     found = logged_noise(np.stack([slow, 0 * slow]) + [[2.0], [0.1]] * rng.standard_normal((2, 8000)))
     np.testing.assert_allclose(found, [4.5, 0.0105], rtol=0.15)  # with the quietest part of the walk
+
+
+@pytest.mark.parametrize("samples", [50, 100, 400, 3000])
+def test_the_noise_of_a_short_log_is_hardly_taken_too_small(samples: int) -> None:
+    """Few lines per band made it up to five times too small."""
+    noise = 0.3 * np.random.default_rng(samples).standard_normal((300, samples))
+    found = logged_noise(noise) / 0.09
+    assert 1.0 < found.mean() < 2.5
+    assert np.mean(found < 1 / 3) < 0.01
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_the_noise_of_a_log_is_that_of_its_noisiest_part(order: int) -> None:
+    """The last part of a record replaced the others: ratios of 97 and 0.97 by their order."""
+    rng = np.random.default_rng(0)
+    parts = [size * rng.standard_normal((1, 2000)) for size in (1.0, 0.1)][::order]
+    segments = [SimpleNamespace(torque=t, record=0, torque_variance=np.ones(1)) for t in parts]
+    found = times_logged_noise(SimpleNamespace(segments=(*segments, None)))  # type: ignore[arg-type]
+    assert found == pytest.approx(1.0, abs=0.2)

@@ -222,11 +222,11 @@ class _Torques:
         """Part of the torque of joint j that only a wrong model leaves: lower confidence limit, rms."""
         interval, resolution_s = self.slow.interval_s, 2 * np.sqrt(np.pi) * self.slow.width_s
         step = max(1, int(1 / (8 * self.motions[0].lowpass.band_hz * interval)))
-        independent = data.y.size * step * interval / resolution_s
+        independent = np.sqrt(2) * data.y.size * step * interval / resolution_s
         freedom = max(independent - _FREEDOM, 0.25 * independent)
-        left = data.residual(fitted).var() * freedom / chdtri(freedom, _CHANCE)
+        left = data.residual(fitted).var() * independent / chdtri(freedom, _CHANCE)
         left -= self.noise[j] ** 2 * interval / resolution_s
-        friction = data.columns[:, -5:] @ fitted.beta[-5:]
+        friction = data.columns[:, -5:-1] @ fitted.beta[-5:-1]
         whole = (data.y + data.columns[:, -7]).var() + _FRICTION_COUNTS**2 * np.mean(friction**2)
         return float(np.sqrt(max(0.0, left) / max(1e-18, whole)))
 
@@ -245,7 +245,7 @@ def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floa
         lags = int(_MEMORY_S * 8 * torques.motions[0].lowpass.band_hz)
         for _ in range(_ROUNDS):
             fitted = data.estimate(noise, std)
-            noise = low_frequency_noise(data.residual(fitted), later, lags, 10.0)
+            noise = low_frequency_noise(data.residual(fitted), later, lags, _FREEDOM)
         fitted = data.estimate(noise, std)
         scale[j], left[j] = 1 + fitted.beta[-7], torques.unexplained(j, data, fitted)
         seen = std[:count] > 0

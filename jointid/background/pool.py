@@ -111,7 +111,7 @@ class Pool:
             why = str(ended)
         with suppress(Ended, NoWorkerError):  # the process may have been killed from outside
             stop.check()
-            child = self._free(stop, starting_s=_START_WAIT_S)
+            child = self._free(stop)
             return self._called(child, function, arguments, progress, stop)
         stop.check()
         raise JointIdError(
@@ -122,8 +122,14 @@ class Pool:
     def stop(self) -> None:
         """End the idle processes and start no others."""
         self._most = 0
-        while self._idle:
-            self._idle.popleft().stop()
+        with self._lock:
+            idle = [*self._idle]
+            self._idle.clear()
+            self._started -= len(idle)
+            self._ready -= len(idle)
+            self._lock.notify_all()
+        for child in idle:
+            child.stop()
 
     def _called(
         self,
@@ -161,10 +167,11 @@ class Pool:
             self._retry_after_s = time.monotonic() + _BACK_OFF_S
             self._started -= 1
 
-    def _free(self, stop: Stop, *, starting_s: float = 0.0) -> Child:
-        """Wait for an idle process, also up to ``starting_s`` for one that is starting."""
-        me, end = object(), time.monotonic() + starting_s
-        self._waiting.append(me)
+    def _free(self, stop: Stop) -> Child:
+        """Wait for an idle process; where none runs, a while for one that is starting."""
+        me, end = object(), time.monotonic() + _START_WAIT_S
+        with self._lock:
+            self._waiting.append(me)
         try:
             while True:
                 stop.check()
@@ -172,9 +179,11 @@ class Pool:
                     self.start()
                 child = None
                 with self._lock:
+                    if self._ready:
+                        end = time.monotonic() + _START_WAIT_S
                     if self._idle and self._waiting[0] is me:
                         child = self._idle.popleft()
-                    elif self._ready or time.monotonic() < end:
+                    elif self._started and time.monotonic() < end:
                         self._lock.wait(_LOOK_S)
                     else:
                         raise NoWorkerError

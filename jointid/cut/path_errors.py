@@ -171,7 +171,7 @@ def _largest_errors(
         arms = ManyArms(arm, K, D, step, plan.start_angle, count, friction, laws)
         with np.errstate(over="ignore", invalid="ignore"):
             run_servo(plan, arms, substeps)
-        links = np.array([*arms.log, arms.angles])[:, :2]
+        links = np.array([angles[:2] for angles in (*arms.log, arms.angles)])
         tool = arm.tool_of_links(links.swapaxes(1, 2))
         reference = toolpath.position(np.arange(len(tool)) * step)
         contour[part] = _largest_contour_error(toolpath, tool, reference)

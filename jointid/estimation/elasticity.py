@@ -95,7 +95,7 @@ class ElasticityFit:
     contradicts_inertias: bool = False
     """Whether other inertias explain motions far better than those given as exact."""
     times_logged_noise: float = 0.0
-    """Variance of the torques' noise by the residual of motions, over the most in their logs."""
+    """Variance of the torques' noise by the residual of motions, over that of their logs."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0

@@ -90,9 +90,16 @@ def with_torque_noise(
 
 
 def times_logged_noise(phasors: Phasors) -> float:
-    """Variance of the torques by the residual of motions over the most in their logs; largest joint."""
+    """Variance of the torques' noise by the residual of motions over that in their logs; largest joint.
+
+    That of a record is the largest of its parts between gaps.
+    """
     own = [each for each in phasors.segments if each is not None]
-    logged = {each.record: logged_noise(each.torque) for each in own}
+    parts = {id(each.torque): each for each in own}  # segments of a part share its torque
+    logged: dict[int, Floats] = {}
+    for each in parts.values():
+        before = logged.get(each.record, np.zeros(len(each.torque)))
+        logged[each.record] = np.maximum(before, logged_noise(each.torque))
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = [each.torque_variance / logged[each.record] for each in own]
     return float(np.nan_to_num(np.mean(ratios, axis=0)).max())

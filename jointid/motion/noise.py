@@ -14,8 +14,8 @@ from jointid.arrays import Complexes, Floats
 from jointid.motion.sampling import UniformPart
 from jointid.phasors.sensor_steps import quantum
 
-_BANDS = 24
-"""Bands over which the spectrum is averaged."""
+_BANDS, _LINES = 24, 20
+"""Bands over which the spectrum is averaged, and fewest lines of one for the noise of a log."""
 BEYOND, _NYQUIST = 1.3, 0.9
 """Range of the search for noise: from this multiple of the band's end to this share of half the rate."""
 _LATEST = 0.5
@@ -69,14 +69,15 @@ def sensor_variances(
 
 
 def logged_noise(samples: Floats) -> Floats:
-    """Most that the variance of white noise in samples (n, N) can be, shape (n,).
+    """Estimate of the variance of white noise in samples (n, N), rather too large, shape (n,).
 
     It is the least mean power of neighbouring lines, with its uncertainty.
     """
     window = np.hanning(samples.shape[1])
     lines = np.abs(np.fft.rfft(samples * window, axis=1)[:, 1:]) ** 2 / (window @ window)
-    most = [_means(each) * (1 + _SURE * np.sqrt(2 / _counts(each))) for each in lines]
-    return np.asarray(np.min(most, axis=1))
+    bands = np.array_split(lines, max(1, min(_BANDS, lines.shape[1] // _LINES)), axis=1)
+    most = [band.mean(axis=1) * (1 + _SURE * np.sqrt(2 / band.shape[1])) for band in bands]
+    return np.asarray(np.min(most, axis=0))
 
 
 def repeated_variances(parts: Sequence[UniformPart]) -> Floats:

@@ -93,8 +93,8 @@ def motion_findings(
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
-    found += unmodelled_presliding(evidence)
     if not causes:
+        found += unmodelled_presliding(evidence)
         resting = list(_joints_at_rest(fit, rests))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]

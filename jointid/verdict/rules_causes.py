@@ -208,13 +208,19 @@ def leads_beside_friction(fit: ElasticityFit) -> bool:
     return any(bool(np.any(p[name] < -CLEAR * fit.errors[name])) for name in times)
 
 
+def weights(fit: ElasticityFit) -> Floats:
+    """Weights of the equations in the fit, those of each joint over the largest, shape (r, n)."""
+    with np.errstate(invalid="ignore"):  # equations without noise have all the weight
+        share = fit.residual_noise.min(axis=0) / fit.residual_noise
+        return np.asarray(np.nan_to_num(share, nan=1.0))
+
+
 def is_far_nearer(one: ElasticityFit, other: ElasticityFit) -> bool:
     """Whether the residual of some joint is far smaller than that of the other fit."""
 
     def power(fit: ElasticityFit) -> Floats:
-        with np.errstate(divide="ignore", invalid="ignore"):  # equations without noise
-            weight = 1 / fit.residual_noise**2
-            return np.asarray((weight * np.abs(fit.residual) ** 2).sum(axis=0) / weight.sum(axis=0))
+        weight = weights(fit) ** 2
+        return np.asarray((weight * np.abs(fit.residual) ** 2).sum(axis=0) / weight.sum(axis=0))
 
     return bool(np.any(power(one) < _FAR_NEARER * power(other)))
 

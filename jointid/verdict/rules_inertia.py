@@ -199,7 +199,7 @@ def _far_coupled(evidence: Evidence, own: ElasticityFit) -> bool:
     for given, fitted in zip(evidence.inertias, own.inertias, strict=True):
         size = np.sqrt(np.outer(np.diag(given.M2), np.diag(given.M2)))
         shares.append(float(np.abs(np.tril(fitted.M2 - given.M2, -1) / size).max()))
-    return max(shares) > _ABSURD * own.prior.inertia_std
+    return max(shares) > min(_ABSURD * own.prior.inertia_std, 1.0)
 
 
 def judged(evidence: Evidence) -> ElasticityFit | None:
@@ -207,9 +207,9 @@ def judged(evidence: Evidence) -> ElasticityFit | None:
     fit = evidence.fit
     imitated = any(name in fit.parameters.layout for name in _IMITATIONS)
     if evidence.has_motions and fit.prior.inertia_std == 0 and (imitated or fit.contradicts_inertias):
-        prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
         if leads_beside_friction(fit) and not fit.contradicts_inertias:
             return None
+        prior = InertiaPrior.of(fit.inertias, len(fit.inertias), fit.n, inertia_std=LOOSE)
         own = _refitted(evidence, prior, fit.misfit)
         if own is not None and leads_beside_friction(own) and not is_far_nearer(own, fit):
             return None  # they imitate a part of the friction

@@ -24,7 +24,7 @@ from jointid.verdict.evidence import (
     times_noise,
     warning,
 )
-from jointid.verdict.rules_causes import distortion, even_harmonics, half_a_sample
+from jointid.verdict.rules_causes import distortion, even_harmonics, half_a_sample, weights
 from jointid.wording import counted, enumerated, percent
 
 EXPLAINED = 3.0
@@ -51,8 +51,8 @@ _GAP = 1.4
 """Largest ratio of a resonance to a frequency that covers it."""
 _SEEN, _CERTAIN = 2.0, 4.0
 """Standard errors below zero from which a damping is probably negative, and certainly negative."""
-_FINE = 0.01
-"""Relative standard error of K and D that needs no further frequency."""
+_FINE, _FINEST = 0.01, 0.001
+"""Relative standard errors of K and D: the first needs no further frequency."""
 
 
 def not_physical(evidence: Evidence) -> Iterator[Finding]:
@@ -242,19 +242,18 @@ def _left_of_torque(fit: ElasticityFit) -> tuple[float, bool]:
 
     Both are weighted as in the fit: at low frequencies, the noise may exceed the torque. The residual
     moves K by about its share, and D by its share over the loss angle D ω/K. Where the harmonics show an
-    error of the model, it includes the noise, which may hide a part; elsewhere K and D are well known.
+    error of the model, the noise counts too: it may hide a part. It matters unless K and D are known to
+    1 %, or to 0.1 % where only the fundamentals show it.
     """
-    noise, least = fit.residual_noise, fit.residual_noise.min(axis=0)
-    with np.errstate(invalid="ignore"):  # equations without noise have all the weight
-        weight = np.nan_to_num(least / noise, nan=1.0)
+    weight, least = weights(fit), fit.residual_noise.min(axis=0)
     torque, left = np.linalg.norm(weight * np.stack([fit.equations.spring_torque, fit.residual]), axis=1)
     by_noise = least**2 * np.count_nonzero(weight, axis=0)
     beyond = relative(np.sqrt(np.maximum(left**2 - by_noise, 0.0)), torque)
     loss = np.abs(fit.D / fit.K) * fit.equations.omega.max()
-    hidden = fit.misfit <= EXPLAINED
-    known = relative(fit.noise_error, fit.estimate).max() < _FINE * (0.1 if hidden else 1.0)
+    explained = fit.misfit <= EXPLAINED
+    known = relative(fit.noise_error, fit.estimate).max() < (_FINEST if explained else _FINE)
     bound = np.minimum(_NEGLIGIBLE_K, _NEGLIGIBLE_D * loss)
-    share = beyond if hidden else relative(left, torque)
+    share = beyond if explained else relative(left, torque)
     return float(beyond.max()), bool(known and np.all(share < bound))
 
 

@@ -183,7 +183,7 @@ def _conditions(settings: CutSettings) -> str:
     action = "compensates it"
     if servo.friction_compensation is None:
         action = "does not compensate it, which adds to the error"
-    coulomb = chosen(settings.friction.coulomb, digits=2)
+    coulomb = chosen(settings.friction.coulomb)
     return f"{text}motors with a Coulomb friction of {coulomb} N·m. The servo {action}."
 
 
