@@ -27,7 +27,7 @@ _MEMORY_S = 0.5
 _FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
 """Deviation of the torque's scale, in its standard deviations, and unexplained part of a torque, from
-which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.18; exchanged
+which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.06; exchanged
 or reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
 _FRICTION_COUNTS = 0.5
 """Weight of friction beside the variation of a torque, of which that part is taken: in a move in one
