@@ -730,6 +730,26 @@ def test_significant_differences_of_inertias_are_reported(
         assert bool(finding.changes) == (finding.level == "warning")
 
 
+def test_an_absurd_inertia_leads_before_a_coupling_that_gears_may_add(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The prior of a small coupling is narrow: it differs by more standard deviations."""
+    rows = [row(each) for each in (30.0, 12.0)]
+    for each, name in zip(rows, ("J_12", "J_a1"), strict=True):
+        each.name = name
+    monkeypatch.setattr(rules_inertia, "prior_rows", lambda *_: rows)
+    monkeypatch.setattr(rules_inertia, "_far_coupled", lambda *_: False)
+    fit = two_joints(inertias=(Inertia([0.1, 0.1], np.eye(2)),))
+    (finding,) = rules_inertia.inertias_off(case(fit=fit, poses=("",)), fit)
+    assert finding.level == "problem"
+    assert finding.detail.startswith("J_a1 was entered")
+    assert "Also different: J_12." in finding.detail
+    rows[1].disagreement = 1.0
+    (finding,) = rules_inertia.inertias_off(case(fit=fit, poses=("",)), fit)
+    assert finding.level == "warning"
+    assert "Only couplings differ" in finding.detail
+
+
 @pytest.mark.parametrize(("change", "level"), [(0.219, "warning"), (0.221, "problem")])
 def test_exact_inertias_that_change_stiffness_by_a_fifth_are_a_problem(
     monkeypatch: pytest.MonkeyPatch, change: float, level: str

@@ -143,7 +143,12 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     off = [pair for k, pair in enumerate(rows) if pair[0] > most or (together and k == 0)]
     if not off:
         return
-    row = off[0][1]
+
+    def is_absurd(size: float, row: PriorRow) -> bool:
+        return not exact and size > _ABSURD and (not _is_coupling(row) or _far_coupled(evidence, own))
+
+    off.sort(key=lambda pair: not is_absurd(*pair))  # those lead
+    row, absurd = off[0][1], is_absurd(*off[0])
     unit = f" {row.unit}".rstrip()
     given = plain(row.given) + ("" if exact else f" ± {significant(row.given_std, 2)}")
     others = f" Also different: {some([other.name for _, other in off[1:]])}." if off[1:] else ""
@@ -157,10 +162,6 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
             f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
         )
     couplings = all(_is_coupling(other) for _, other in off)
-    absurd = not exact and any(
-        size > _ABSURD and (not _is_coupling(other) or _far_coupled(evidence, own))
-        for size, other in off
-    )
     if couplings and not absurd:
         accounts += " Only couplings differ: gears that couple the motors of these joints do this."
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
