@@ -162,8 +162,6 @@ class _Torques:
     """Standard deviation of the links' gravity, shape (n,)."""
     noise: Floats
     """Standard deviation of the motors' white noise, shape (n,)."""
-    slow: GaussianFilter
-    """The band of this fit; that of the first record."""
 
     @classmethod
     def of(
@@ -186,9 +184,7 @@ class _Torques:
         gravity = np.abs(robot.torque(every, 0 * every, 0 * every)).max(axis=0)
         fourth = [np.diff(record.tau_Nm[record.start :] @ back, 4, axis=0) for record in records]
         noise = np.median(np.abs(np.concatenate(fourth)), axis=0) / 0.6745 / np.sqrt(70)  # no motion
-        first = motions[0].lowpass
-        slow = GaussianFilter(first.interval_s, _SLOWER * first.band_hz)
-        return cls(motions, motor, rotor, model, parts, torque_std * gravity, noise, slow)
+        return cls(motions, motor, rotor, model, parts, torque_std * gravity, noise)
 
     def of_joint(self, j: int, shared: _Shared) -> tuple[Regression, Floats, list[int]]:
         """Equation of joint j where it moves, prior standard deviations, first row of later records.
@@ -204,7 +200,7 @@ class _Torques:
             dt, band = m.lowpass.interval_s, m.lowpass.band_hz
             slower = GaussianFilter(dt, band * (_SLOWER**-2 - 1) ** -0.5)
             reach = m.lowpass.reach + slower.reach
-            rows = np.arange(len(m.q))[reach : len(m.q) - reach : max(1, int(1 / (8 * band * dt)))]
+            rows = np.arange(len(m.q))[reach : len(m.q) - reach : _step(m.lowpass)]
             rows = rows[np.abs(m.dq[rows, j]) > _SLIP * np.abs(m.dq[:, j]).max()]
             sign = m.lowpass(np.sign(m.dq[:, j]))  # reversals as wide as in the torque
             v, s = m.dq[:, j], model[:, j]
@@ -220,15 +216,21 @@ class _Torques:
 
     def unexplained(self, j: int, data: Regression, fitted: Estimate) -> float:
         """Part of the torque of joint j that only a wrong model leaves: lower confidence limit, rms."""
-        interval, resolution_s = self.slow.interval_s, 2 * np.sqrt(np.pi) * self.slow.width_s
-        step = max(1, int(1 / (8 * self.motions[0].lowpass.band_hz * interval)))
-        independent = np.sqrt(2) * data.y.size * step * interval / resolution_s
+        first = self.motions[0].lowpass
+        slow, interval = GaussianFilter(first.interval_s, _SLOWER * first.band_hz), first.interval_s
+        resolution_s = 2 * np.sqrt(np.pi) * slow.width_s
+        independent = np.sqrt(2) * data.y.size * _step(first) * interval / resolution_s
         freedom = max(independent - _FREEDOM, 0.25 * independent)
         left = data.residual(fitted).var() * independent / chdtri(freedom, _CHANCE)
         left -= self.noise[j] ** 2 * interval / resolution_s
         friction = data.columns[:, -5:-1] @ fitted.beta[-5:-1]
         whole = (data.y + data.columns[:, -7]).var() + _FRICTION_COUNTS**2 * np.mean(friction**2)
         return float(np.sqrt(max(0.0, left) / max(1e-18, whole)))
+
+
+def _step(lowpass: GaussianFilter) -> int:
+    """Samples from one equation to the next: eight equations in a period of the band's end."""
+    return max(1, int(1 / (8 * lowpass.band_hz * lowpass.interval_s)))
 
 
 def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from jointid.arrays import Complexes, Floats
-from jointid.motion.sampling import UniformPart
+from jointid.motion.sampling import UniformPart, windowed_spectrum
 from jointid.phasors.sensor_steps import quantum
 
 _BANDS, _LINES = 24, 20
@@ -73,8 +73,7 @@ def logged_noise(samples: Floats) -> Floats:
 
     It is the least mean power of neighbouring lines, with its uncertainty.
     """
-    window = np.hanning(samples.shape[1])
-    lines = np.abs(np.fft.rfft(samples * window, axis=1)[:, 1:]) ** 2 / (window @ window)
+    lines = np.abs(windowed_spectrum(samples, 1.0)[1][:, 1:]) ** 2
     bands = np.array_split(lines, max(1, min(_BANDS, lines.shape[1] // _LINES)), axis=1)
     most = [band.mean(axis=1) * (1 + _SURE * np.sqrt(2 / band.shape[1])) for band in bands]
     return np.asarray(np.min(most, axis=0))
