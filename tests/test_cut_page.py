@@ -153,7 +153,7 @@ class TestPage:
         )
         assert alone is not None
         with pytest.MonkeyPatch.context() as never:
-            never.setattr(cut_cached, "track", lambda *_, **__: calls.append(alone))
+            never.setattr(cut_cached, "cut_before", lambda *_, **__: calls.append(alone))
             never.setattr(cut_cached, "predicted_cut", lambda *_, **__: calls.append(alone))
             shown_first = cut_cached.overview(page, analysis)
             settings = usual(cut_robot(analysis))

@@ -15,6 +15,7 @@ from random_cases import examples
 
 from jointid import Elasticity, Inertia, JointIdError, PlanarArm, Study, analyse, rectangle
 from jointid.cut.outcome import (
+    TYPICAL_SERVO,
     cut_outcome,
     cut_with_laws,
     millimetres,
@@ -22,8 +23,9 @@ from jointid.cut.outcome import (
     study_outcome,
     with_laws_text,
 )
-from jointid.cut.robot import CUTTING_POINT_M, CutRobot, assumed_elasticity, cut_robot
+from jointid.cut.robot import CUTTING_POINT_M, CutFriction, CutRobot, assumed_elasticity, cut_robot
 from jointid.cut.servo import Servo
+from jointid.cut.tracking import track
 from jointid.gears.gear import Gear
 
 PATH = rectangle(zone_m=0.010)
@@ -73,6 +75,26 @@ def test_both_cuts_have_the_nonlinear_gears_and_a_servo_may_compensate_them() ->
     assert not outcome.depends_on_elasticity
     text = remaining_error_text(replace(outcome, before=run))
     assert text.endswith("K and D alone do not describe these gears.")  # no coincidence
+
+
+def test_the_long_step_changes_the_path_error_by_less_than_a_micrometre() -> None:
+    rubbing = CutFriction(coulomb=(0.4, 0.08), viscous=(0.002, 0.0005))
+    cut = cut_outcome(robot(0.001), PATH, scaled(0.9), friction=rubbing, samples=5).before
+    fine = track(
+        PlanarArm.example(), PATH, PAPER, scaled(0.9), servo=TYPICAL_SERVO, friction=rubbing, dt=5e-5
+    )
+    np.testing.assert_allclose(np.diff(cut.time_s), 5e-4)
+    assert abs(cut.max_contour_error_m - fine.max_contour_error_m) < MICROMETRE
+
+
+def test_a_stiff_arm_gets_a_shorter_step_and_its_distribution() -> None:
+    """Its fastest mode has 1400 rad/s: a step of 0.5 ms does not resolve it."""
+    stiff = replace(robot(0.001), elasticity=scaled(70.0))
+    outcome = cut_outcome(stiff, PATH, None, samples=5)
+    np.testing.assert_allclose(np.diff(outcome.before.time_s), 2.5e-4)
+    assert outcome.distribution is not None
+    with pytest.raises(JointIdError, match="too long for this arm"):
+        track(stiff.arm, PATH, stiff.elasticity, servo=TYPICAL_SERVO, dt=5e-4)
 
 
 class TestTheArm:

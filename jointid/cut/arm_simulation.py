@@ -231,16 +231,21 @@ def require_step(dt: float) -> None:
         )
 
 
+def fastest_mode(arm: PlanarArm, K: Floats, D: Floats, joint_angle_rad: Floats) -> float:
+    """Fastest frequency or decay of the joint resonances, rad/s; K and D (2,), motor side."""
+    inertia = arm.inertia(joint_angle_rad)
+    mobility = np.linalg.inv(inertia.M2) + np.diag(1 / inertia.M)
+    frequency = np.sqrt(np.linalg.eigvals(mobility * K).real.max())
+    decay = np.linalg.eigvals(mobility * D).real.max()
+    return float(max(frequency, decay))
+
+
 def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angle_rad: Floats) -> None:
     """Refuse a step that is too long for the joint resonances; K and D (2,), motor side.
 
     The JointIdError states the longest possible step.
     """
-    inertia = arm.inertia(joint_angle_rad)
-    mobility = np.linalg.inv(inertia.M2) + np.diag(1 / inertia.M)
-    frequency = np.sqrt(np.linalg.eigvals(mobility * K).real.max())
-    decay = np.linalg.eigvals(mobility * D).real.max()
-    fastest = float(max(frequency, decay))
+    fastest = fastest_mode(arm, K, D, joint_angle_rad)
     if dt * fastest > _LARGEST_PHASE:
         raise JointIdError(
             f"A step of {dt:g} s is too long for this arm, whose fastest mode has {fastest:.4g} rad/s. "

@@ -8,12 +8,10 @@ import numpy as np
 from jointid.analysis import NOT_USABLE, Analysis, ArmSideAnalysis
 from jointid.answer import gear_text, without_curve
 from jointid.cut.outcome import (
-    TYPICAL_SERVO,
     ZONES_M,
     Outcome,
     at_most,
-    cut_by,
-    predicted_cut,
+    cut_outcome,
     remaining_error_text,
     study_outcome,
 )
@@ -198,5 +196,5 @@ def _cuts(outcome: Outcome, zone_m: float) -> tuple[TrackingRun, TrackingRun]:
     robot, path = outcome.robot, rectangle(zone_m=zone_m, centre_m=CUTTING_POINT_M)
     if np.array_equal(path.knot_m, outcome.toolpath.knot_m):
         return outcome.before, outcome.after
-    before = cut_by(robot, path, TYPICAL_SERVO, robot.friction)(robot.elasticity, outcome.assumed)
-    return before, predicted_cut(robot, path, friction=robot.friction).after
+    other = cut_outcome(robot, path, outcome.assumed, friction=robot.friction)
+    return other.before, other.after

@@ -11,10 +11,10 @@ import numpy as np
 
 from jointid import Analysis, Elasticity, JointIdError
 from jointid.arrays import Floats
-from jointid.cut.outcome import ZONES_M, Outcome, Prediction, cut_with_laws, predicted_cut
+from jointid.cut.outcome import ZONES_M, Outcome, Prediction, cut_before, cut_with_laws, predicted_cut
 from jointid.cut.path_errors import errors_of_mismatch
 from jointid.cut.robot import CutRobot, assumed_elasticity, cut_robot
-from jointid.cut.tracking import TrackingRun, track
+from jointid.cut.tracking import TrackingRun
 from jointid.ui.cut.settings import CutSettings, usual
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import awaited
@@ -61,8 +61,7 @@ def pairs(page: Page, settings: CutSettings, outcome: Outcome) -> Pairs:
 def _before(
     page: Page, settings: CutSettings, robot: CutRobot, assumed: Elasticity | None
 ) -> Future[TrackingRun]:
-    cut = partial(track, gears=robot.laws)
-    return _begin(page, "before", settings, cut, robot.arm, robot.elasticity, assumed)
+    return _begin(page, "before", settings, cut_before, robot, assumed)
 
 
 def _after(page: Page, settings: CutSettings, robot: CutRobot) -> Future[Prediction]:
@@ -97,7 +96,7 @@ def _begin(
     settings: CutSettings,
     compute: Callable[..., Found],
     who: object,
-    *springs: object,
+    *given: object,
 ) -> Future[Found]:
     """Begin a computation on a cut; ``result()`` raises for settings that allow none."""
     try:
@@ -107,7 +106,7 @@ def _begin(
         refused.set_exception(error)
         return refused
     options = {"servo": settings.servo, "friction": settings.friction}
-    return page.begin((what, settings), compute, who, path, *springs, **options)
+    return page.begin((what, settings), compute, who, path, *given, **options)
 
 
 def begin_overview(page: Page, analysis: Analysis) -> None:
