@@ -76,8 +76,12 @@ def test_few_instants_of_a_cut_need_their_nearest_point(monkeypatch: pytest.Monk
     )
     path, runs = rectangle(zone_m=0.005), 20
     errors_of_mismatch(PlanarArm.example(), path, TRUE, np.ones((2, runs)), servo=REAL)
-    coarse, close = points[0] * runs, points[1]
-    assert coarse + close < 0.1 * runs * path.end_s * REAL.sample_rate_hz
+    assert sum(points) < 0.05 * runs * path.end_s * REAL.sample_rate_hz
+
+
+def test_a_path_at_rest_has_no_error() -> None:
+    rest = Toolpath([0.3, 0.1], np.zeros((2, 2)), [0.05])
+    assert errors_of_mismatch(PlanarArm.example(), rest, TRUE, [[1.0], [1.0]]) < 1e-12
 
 
 def test_the_error_grows_with_the_mismatch_of_either_joint() -> None:

@@ -26,8 +26,6 @@ from jointid.wording import percent
 
 _BATCH_RUNS = 512
 """Runs per batch, which keeps the arrays within some hundred megabytes."""
-_STRIDE = 32
-"""Step between the instants that give the lower bound of a run's largest contour error."""
 
 
 class CutOptions(TypedDict, total=False):
@@ -181,22 +179,28 @@ def _largest_errors(
 def _largest_contour_error(toolpath: Toolpath, tool: Floats, reference: Floats) -> Floats:
     """Largest contour error of each run, (runs,), of tools (k, runs, 2) with the reference (k, 2).
 
-    No contour error exceeds the distance from any point of the path, such as the reference at the time
-    at which the tool is beside it. A coarse sample of instants gives a lower bound of the largest; only
-    instants with a larger upper bound need their nearest point of the path.
+    No contour error exceeds the distance from any point of the path, such as that beside the tool along
+    the chords between the samples of the reference. The instant with the largest upper bound gives a
+    lower bound of the largest error; only instants with a larger upper bound need their nearest point.
     """
     along = np.gradient(reference, axis=0)
-    steps2 = np.einsum("kc,kc->k", along, along)
-    rate = along / np.where(steps2 > 0, steps2, 1.0)[:, None]
-    beside = np.einsum("krc,kc->kr", tool - reference[:, None], rate)
-    beside += np.arange(len(tool))[:, None]
-    np.clip(beside, 0, len(tool) - 1, out=beside)
-    before = np.minimum(beside.astype(np.intp), len(tool) - 2)
-    share = (beside - before)[..., None]
-    off = tool - reference[before] - share * np.diff(reference, axis=0)[before]
+    size = np.hypot(*along.T)
+    if not size.any():
+        return np.asarray(toolpath.distance(tool).max(axis=0))
+    moving = np.flatnonzero(size)  # at rest, the direction of the motion that follows or ended
+    at = moving[np.minimum(np.searchsorted(moving, np.arange(len(size))), moving.size - 1)]
+    chords = np.diff(reference, axis=0)
+    arc = np.pad(np.cumsum(np.hypot(*chords.T)), (1, 0))
+    place = np.einsum("krc,kc->kr", tool - reference[:, None], along[at] / size[at, None])
+    place += arc[:, None]
+    beside = np.interp(place, arc, np.arange(float(arc.size)))
+    before = np.minimum(beside.astype(np.intp), len(chords) - 1)
+    off = tool - reference[before] - (beside - before)[..., None] * chords[before]
     bound = np.sqrt(np.einsum("krc,krc->kr", off, off))
-    bound += np.abs(np.diff(reference, 2, axis=0)).max() / 4  # twice its sag between two samples
-    largest = np.asarray(toolpath.distance(tool[::_STRIDE]).max(axis=0))
+    bends = np.pad(np.hypot(*np.diff(chords, axis=0).T), 1, mode="edge")
+    # The sag of a chord is an eighth of the bend between chords; a third more for its changes.
+    bound += (np.maximum(bends[:-1], bends[1:]) / 6)[before]
+    largest = toolpath.distance(tool[np.argmax(bound, axis=0), np.arange(tool.shape[1])])
     candidates = bound > largest
     _, run = np.nonzero(candidates)
     np.maximum.at(largest, run, toolpath.distance(tool[candidates]))
