@@ -40,6 +40,9 @@ _LEFT = 0.02
 _OTHERS_LEFT = 0.2
 """The same without any other record, smallest: one record is wrong, not a part of the band."""
 
+_HIDDEN, _LARGE = 0.5, 6.0
+"""Misfit without a record over that with it, squared residual over the median: one of them shows an
+outlier of a searched model (in 150 studies below 0.41 or above 12; else 0.77 and 4.7 at most)."""
 _FEWEST = 4
 """Fewest other records, so that they can contradict each other as well."""
 
@@ -100,10 +103,14 @@ def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
     fit, count = evidence.fit, evidence.phasors.omega.size
     if fit.prior is None or not fit.prior.inertia_std:
         return []
-    left = scorer.scores([scorer.as_logged()], 1 - np.eye(count)).misfit
+    as_logged = [scorer.as_logged()]
+    left = scorer.scores(as_logged, 1 - np.eye(count)).misfit
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = np.nan_to_num(np.abs(fit.residual / fit.residual_noise) ** 2).sum(axis=1)
-    return list(dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares)))))
+    shows = left < _HIDDEN * scorer.scores(as_logged).misfit[0]
+    shows |= squares > _LARGE * np.median(squares)
+    rows = dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares))))
+    return [row for row in rows if shows[row] or not fit.candidates]
 
 
 def _fit_without(evidence: Evidence, row: int) -> tuple[ElasticityFit, list[Inertia]] | None:
