@@ -407,7 +407,7 @@ class TestFigures:
     def test_the_animated_file_holds_both_cuts_and_stands_still_on_demand(
         self, outcome: Outcome
     ) -> None:
-        svg = animated_svg(outcome, "0.4 K", "<cell> 1 & 2", dark=False)
+        svg = animated_svg(outcome, "0.4 K", "<cell> 1 & 2")
         drawing = ElementTree.fromstring(svg)
         assert {e.get("class") for e in drawing.iter() if e.get("class")} == {"run", "run trace"}
         assert drawing.get("aria-label", "").startswith("Cut of <cell> 1 & 2. 0.4 K: path error ")

@@ -119,18 +119,6 @@ class Pool:
             "records; then try again."
         )
 
-    def stop(self) -> None:
-        """End the idle processes and start no others."""
-        self._most = 0
-        with self._lock:
-            idle = [*self._idle]
-            self._idle.clear()
-            self._started -= len(idle)
-            self._ready -= len(idle)
-            self._lock.notify_all()
-        for child in idle:
-            child.stop()
-
     def _called(
         self,
         child: Child,
@@ -197,7 +185,7 @@ class Pool:
                 self._lock.notify_all()
 
     def _put_back(self, child: Child) -> None:
-        stays = child.is_running and self._most > 0
+        stays = child.is_running
         if not stays:
             child.stop()
         with self._lock:

@@ -33,8 +33,7 @@ def serve_here(answer: Answer, memory_bytes: int) -> None:
     ``memory_bytes`` is the address space for requests beyond that of the program itself, where the
     system can limit it.
     """
-    if hasattr(signal, "SIGINT"):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is handled by the parent
     warnings.simplefilter("ignore")
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # other output must not mix with responses

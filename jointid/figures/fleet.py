@@ -44,7 +44,7 @@ def distribution(spread: Spread, *, dark: bool = False) -> go.Figure:
 
 
 def drift_over_time(
-    spread: Spread, all_times_s: Floats, shown: Drift | None = None, *, dark: bool = False
+    spread: Spread, all_times_s: Floats, shown: Drift, *, dark: bool = False
 ) -> go.Figure:
     """Every dated study of a fleet over time, one robot with its error bars and its line.
 
@@ -52,10 +52,9 @@ def drift_over_time(
     """
     sketch, unit = Sketch(dark), PARAMETERS[spread.name[0]].unit
     low, high = _range(spread)
-    if shown is not None:
-        ends = np.concatenate([shown.value - shown.error, shown.value + shown.error])
-        inside = ends[np.isfinite(ends)].tolist()
-        low, high = min([low, *inside]), max([high, *inside])
+    ends = np.concatenate([shown.value - shown.error, shown.value + shown.error])
+    inside = ends[np.isfinite(ends)].tolist()
+    low, high = min([low, *inside]), max([high, *inside])
     dated = np.isfinite(all_times_s)
     value = spread.value[dated]
     below, above = value < low, value > high
@@ -76,7 +75,7 @@ def drift_over_time(
         customdata=value,
         hovertemplate=f"%{{text}}<br>%{{x|%Y-%m-%d}}: %{{customdata:.4g}} {unit}<extra></extra>",
     )
-    if shown is not None and shown.value.size:
+    if shown.value.size:
         time = _MS * shown.time_s
         sketch.points(
             time,

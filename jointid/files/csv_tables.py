@@ -102,8 +102,6 @@ def _names(file: str, data: bytes, begin: int) -> tuple[list[str], bytes, int, s
             f"{file} is not UTF-8 text: its first line has the byte 0x{line[error.start]:02X}.",
             hint="Save it with the encoding UTF-8.",
         ) from None
-    except csv.Error as error:
-        raise unreadable(file, "CSV", error) from error
     return names, line, start.start() + len(line), text
 
 

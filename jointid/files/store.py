@@ -32,7 +32,6 @@ from jointid.files.container_limits import mebibytes
 from jointid.files.store_files import (
     DAMAGED,
     Entry,
-    Note,
     checksum,
     latest_name,
     one_line,
@@ -179,15 +178,15 @@ class Store:
                 with suppress(FileNotFoundError):
                     part.replace(aside / part.name)
 
-    def notes(self, workspace: str) -> tuple[Note, ...]:
-        """Return notes on entries that were dropped or set aside, oldest first."""
+    def notes(self, workspace: str) -> dict[str, str]:
+        """Return why entries were dropped or set aside, as sentences by their ids, oldest first."""
         found = []
         with self._failing("read"):
             for file in self._place(workspace).glob("*.note"):
                 with suppress(FileNotFoundError):
-                    note = Note(file.stem, file.read_text("utf-8", "replace"))
-                    found.append((file.stat().st_mtime, note))
-        return tuple(note for _, note in sorted(found, key=lambda pair: pair[0]))
+                    text = file.read_text("utf-8", "replace")
+                    found.append((file.stat().st_mtime, file.stem, text))
+        return {entry: text for _, entry, text in sorted(found)}
 
     def dismiss(self, workspace: str, note: str) -> None:
         """Remove a note."""

@@ -67,14 +67,6 @@ class Entry:
     """Time of the last use, seconds since 1970."""
 
 
-@dataclass(frozen=True)
-class Note:
-    """Reason why an entry is gone."""
-
-    id: str
-    text: str
-
-
 def read_entry(file: Path) -> Entry:
     """Read an entry's .json and compare it with its data's size.
 

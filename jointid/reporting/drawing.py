@@ -70,8 +70,6 @@ class Drawing:
 
     def lowered(self, share: float) -> Drawing:
         """Return the picture at a share of its height, texts and marks as large as before."""
-        if share == 1.0:
-            return self
         across = share if self.to_scale else 1.0
         return replace(
             self,

@@ -205,8 +205,6 @@ def joined_table(tables: Sequence[LogTable]) -> LogTable:
     have no times in common.
     """
     parts = [part for index, table in enumerate(tables) if (part := joint_log(index, table)) is not None]
-    if len(parts) < len(tables) or len(parts) < 2:
-        raise JointIdError("Only two or more logs of one joint each can be joined.")
     cuts = rows_in_common(parts)
     if not cuts:
         names = listed(part.table.name for part in parts)

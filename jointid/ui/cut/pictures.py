@@ -16,7 +16,7 @@ from jointid.arrays import Floats
 from jointid.cut.arm import PlanarArm
 from jointid.cut.outcome import Outcome, millimetres
 from jointid.cut.path_deflection import PathDeflection
-from jointid.figures.style import colours
+from jointid.figures.style import LIGHT, colours
 from jointid.reporting.cut_animation import animated_cut
 from jointid.reporting.drawing import Drawing, Line, to_svg
 from jointid.reporting.figures import cut_figure
@@ -61,8 +61,7 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
     low, high = path.min(axis=0), path.max(axis=0)
     side = max(_SHEET_M, float((high - low).max()) + 0.08)
     sheet = [*(0.5 * (low + high) - 0.5 * side).tolist(), side, side]
-    margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
-    reach, room = _reach_and_room(outcome)
+    reach, room, margin = _reach_and_room(outcome)
     return {
         "tracks": tracks(outcome.before, outcome.after),
         "length_m": arm.length_m.tolist(),
@@ -81,24 +80,22 @@ def animation_data(outcome: Outcome, nominal_name: str, *, dark: bool) -> dict[s
     }
 
 
-def _reach_and_room(outcome: Outcome) -> tuple[list[float], float]:
-    """Largest distances from the reference, before and after, and how far they may be drawn, m."""
+def _reach_and_room(outcome: Outcome) -> tuple[list[float], float, float]:
+    """Largest distances from the reference, how far they may be drawn, and the margin for them, m."""
     margin = _MARGIN_M + 1.2 * min(outcome.before.max_contour_error_m, 0.03)
     reach = [run.max_tracking_error_m for run in (outcome.before, outcome.after)]
     side = float(np.ptp(outcome.before.reference_m, axis=0).min())
-    return reach, min(_RECOGNISABLE * side, margin)
+    return reach, min(_RECOGNISABLE * side, margin), margin
 
 
-def animated_svg(outcome: Outcome, nominal: str, study: str, *, dark: bool) -> str:
+def animated_svg(outcome: Outcome, nominal: str, study: str) -> str:
     """The animation as a file to hand on, magnified as at first."""
-    reach, room = _reach_and_room(outcome)
-    times = _largest_magnification(max(reach), room)
-    ink = colours(dark)
+    reach, room, _ = _reach_and_room(outcome)
     return animated_cut(
         (outcome.before, outcome.after),
         (capitalised(nominal), "Identified"),
-        (ink.nominal, ink.identified),
-        times=times,
+        (LIGHT.nominal, LIGHT.identified),
+        times=_largest_magnification(max(reach), room),
         title=f"Cut of {study or 'a study'}",
     )
 
@@ -154,7 +151,7 @@ def show_figure_7(page: Page, settings: CutSettings, outcome: Outcome, nominal: 
         download("Save the figure (.svg)", lambda: to_svg(figure(), title=title), "cuts.svg")
         download(
             "Save the animation (.svg)",
-            lambda: animated_svg(outcome, nominal, page.study.name, dark=False),
+            lambda: animated_svg(outcome, nominal, page.study.name),
             "cut_animated.svg",
             hint="The chosen corner zone in slow motion, for a browser or a presentation.",
         )

@@ -68,7 +68,7 @@ class Entries:
     def ask_columns(self) -> Asked:
         """Ask for time, columns and units."""
         missing: list[str] = []
-        time, n = self._time(missing)
+        time, n = self._time()
         used = {time.column, *(c for c in self.base.columns if c != self.base.time.column)}
         joints: list[importing.JointMapping] = []
         for j in range(n):
@@ -150,7 +150,7 @@ class Entries:
         to_confirm, problems = bool(open_ or self._problems), tuple(self._problems)
         return Asked(replace(found, assumed=assumed), tuple(missing), to_confirm, problems=problems)
 
-    def _time(self, missing: list[str]) -> tuple[importing.TimeColumn, int]:
+    def _time(self) -> tuple[importing.TimeColumn, int]:
         one, two, three, four = st.columns([3, 2, 2, 2])
         base = self.base.time
         options = [*self.table.names, _NO_COLUMN]

@@ -28,7 +28,7 @@ from jointid.ui.shared.recent_studies import link_to_last_on_a_phone
 from jointid.ui.shared.results import Computation, awaited, note_session, result_cache
 from jointid.ui.shared.settings import DEFAULT_METHOD
 from jointid.ui.shared.sidebar import choose_study, remember_file
-from jointid.ui.shared.workspace import Refused, label, link_to, open_sample, open_study, sample_paths
+from jointid.ui.shared.workspace import label, link_to, open_sample, open_study, sample_paths
 
 Given = ParamSpec("Given")
 Found = TypeVar("Found")
@@ -278,12 +278,12 @@ def _show_notices() -> None:
             f"{wanted} is not, or no longer, in this workspace. The page shows another study: open "
             "the file again."
         )
-    refused: Refused | None = st.session_state.get("refused")
-    if refused is None:
+    if "refused" not in st.session_state:
         return
-    st.error(f"**{markdown_escape(refused.file)} was not opened.** {markdown_escape(refused.message)}")
-    if refused.lines:
-        st.code(refused.lines, language=None)
+    file, message, lines = st.session_state["refused"]
+    st.error(f"**{markdown_escape(file)} was not opened.** {markdown_escape(message)}")
+    if lines:
+        st.code(lines, language=None)
     st.button("Dismiss", key="dismiss_refused", on_click=lambda: st.session_state.pop("refused", None))
     st.divider()
 

@@ -29,10 +29,10 @@ def show_notes(place: str | None, forget: str = "") -> None:
     ``forget`` is a key of the session that goes with them.
     """
     with suppress(JointIdError):
-        for note in workspace.store().notes(place) if place else ():
-            given = place, note.id, forget
-            show_warning(note.text)
-            st.button("Dismiss", key=f"dismiss_{note.id}", on_click=_dismiss, args=given)
+        for entry, note in workspace.store().notes(place).items() if place else ():
+            show_warning(note)
+            given = place, entry, forget
+            st.button("Dismiss", key=f"dismiss_{entry}", on_click=_dismiss, args=given)
 
 
 def _dismiss(place: str, note: str, forget: str) -> None:

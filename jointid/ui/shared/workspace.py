@@ -40,19 +40,9 @@ class Opened:
     study: Study
 
 
-@dataclass(frozen=True)
-class Refused:
-    """A file that could not be opened as a study."""
-
-    file: str
-    message: str
-    lines: str
-    """Those around the fault, if it is in a text."""
-
-
 def refuse(file: str, error: JointIdError, data: bytes) -> None:
     """Remember a file that could not be opened, with the lines around its fault."""
-    st.session_state["refused"] = Refused(file, str(error), lines_around(data, error))
+    st.session_state["refused"] = file, str(error), lines_around(data, error)
 
 
 def sample_paths() -> Mapping[str, Path]:

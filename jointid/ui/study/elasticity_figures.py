@@ -209,10 +209,10 @@ def show_model_holds(page: Page, analysis: Analysis) -> None:
     page.show(
         "residuals", partial(normalised_residuals, residuals), "Normalised residual of every record"
     )
-    _show_harmonics(page, analysis)
+    _show_harmonics(analysis)
 
 
-def _show_harmonics(page: Page, analysis: Analysis) -> None:
+def _show_harmonics(analysis: Analysis) -> None:
     try:
         content = harmonic_content(analysis.phasors)
     except JointIdError as error:
