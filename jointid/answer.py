@@ -186,7 +186,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         terms["Backlash"] = f"{play} {scale.angle}, {share}"
     if gear.hysteresis_Nm:
         loss = fitted("hysteresis", gear.hysteresis_Nm, scale.torque)
-        terms["Hysteresis (to either side)"] = f"{loss} N·m"
+        terms["Hysteresis (half loop height)"] = f"{loss} N·m"
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise, found = curve.deflection_noise_rad, "not measured"
     if noise.size:

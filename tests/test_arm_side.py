@@ -603,7 +603,7 @@ def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
     assert "robot model" in refused.stderr
     motor = CliRunner().invoke(app, [*run, "--unit", "N·m/rad at the motor"], env={"COLUMNS": "400"})
     assert motor.exit_code == 2
-    assert "is not one of its units: N·m/rad at the joint, " in motor.stderr
+    assert "is not a unit at the joint: N·m/rad at the joint, " in motor.stderr
     found = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml"), "--json"])
     document = json.loads(found.stdout)
     np.testing.assert_allclose(document["K"][:SENSORS], fit().K[:SENSORS], rtol=1e-3)

@@ -1322,7 +1322,7 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
     assert (found.remedy, found.changes) == ("Measure again. Wait longer before recording.", ())
     moving[:] = [0, 0.02, 0, 0, 0]
     (found,) = rules_records.still_settling(given)
-    assert "Start the records at this time" in found.remedy
+    assert "Start the record at this time" in found.remedy
     assert "others" not in found.remedy
     moving[:] = 0
     assert not list(rules_records.still_settling(given))

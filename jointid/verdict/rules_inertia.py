@@ -163,7 +163,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         )
     couplings = all(_is_coupling(other) for _, other in off)
     if couplings and not absurd:
-        accounts += " Only couplings differ: gears that couple the motors of these joints do this."
+        accounts += " Only couplings differ, as with gears that couple the motors of these joints."
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (
