@@ -72,7 +72,7 @@ class Inertia:
             added=known,
             gravity=_symmetric("gravity", "gravity stiffness", gravity, n, "N·m/rad"),
             shared=_symmetric("shared", "change of M2", shared, n),
-            shared_gravity=_symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
+            shared_gravity=_symmetric("shared_gravity", "gravity change", shared_gravity, n, "N·m/rad"),
         )
 
     @property
