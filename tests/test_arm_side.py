@@ -534,7 +534,7 @@ def test_records_without_any_sensor_or_with_other_joints_are_refused() -> None:
 
 
 def test_a_repeated_record_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(JointIdError, match="torque_std = -0.1: it must not be negative"):
+    with pytest.raises(JointIdError, match=r"torque_std = -0\.1: it must not be negative"):
         identify_arm_side(record(), ROBOT, torque_std=-0.1)
     monkeypatch.setattr("jointid.arm_side.identify._identified", lambda records, *_: records)
     first, other = record(), replace(record(), tau_Nm=1.1 * record().tau_Nm)
