@@ -15,7 +15,7 @@ from jointid.arm_side.fit import ArmSideFit
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import AGREEING, ElasticityFit
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.wording import (
     capitalised,
@@ -229,7 +229,8 @@ def model_name(fit: ElasticityFit | ArmSideFit) -> str:
 
 def without(fit: ElasticityFit) -> str:
     """Return "without friction and delay" or other effects that the fit removes; "" without any."""
-    removed = fitted_parts(fit)
+    laws = {EFFECTS[law].name: "nonlinearity of the gears" for law in GEAR_LAWS}
+    removed = list(dict.fromkeys(laws.get(part, part) for part in fitted_parts(fit)))
     if "torque_scale" in fit.parameters.layout:
         removed.append("torque scale error")
     return f"without {enumerated(removed)}" if removed else ""
