@@ -197,7 +197,7 @@ class Analysis(Answer):
         return elasticity_quantities(self.fit, self.unit)
 
     def limit_of_records(self, worst: Floats) -> str:
-        """What helps where more records, of worst errors ``worst`` (k + 1,), do not; otherwise empty."""
+        """Remedy if k more records, with worst errors ``worst`` (k + 1,), do not help; else empty."""
         return limit_of_records(self.findings, self.fit, worst)
 
     @property
@@ -282,7 +282,7 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         found = findings(replace(evidence, fit=fits[method]))
     if study.assumed and found[0].level == "problem":
         # The remarks of the study list it, wherever findings are shown.
-        assumed = 'First check what the import assumed, listed as "Assumed, not confirmed".'
+        assumed = 'First check the assumptions of the import, listed as "Assumed, not confirmed".'
         found = replace(found[0], remedy=f"{assumed} {found[0].remedy}"), *found[1:]
     return Analysis(
         study=study,

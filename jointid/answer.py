@@ -15,7 +15,7 @@ from jointid.arm_side.fit import ArmSideFit
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import AGREEING, ElasticityFit
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import EFFECTS, GEAR_LAWS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.wording import (
     capitalised,
@@ -186,7 +186,7 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
         terms["Backlash"] = f"{play} {scale.angle}, {share}"
     if gear.hysteresis_Nm:
         loss = fitted("hysteresis", gear.hysteresis_Nm, scale.torque)
-        terms["Hysteresis (to either side)"] = f"{loss} N·m"
+        terms["Hysteresis (half loop height)"] = f"{loss} N·m"
     lost = gear.backlash_rad + 2 * gear.hysteresis_Nm / gear.K if gear.K > 0 else 0.0
     noise, found = curve.deflection_noise_rad, "not measured"
     if noise.size:
@@ -229,7 +229,8 @@ def model_name(fit: ElasticityFit | ArmSideFit) -> str:
 
 def without(fit: ElasticityFit) -> str:
     """Return "without friction and delay" or other effects that the fit removes; "" without any."""
-    removed = fitted_parts(fit)
+    laws = {EFFECTS[law].name: "nonlinearity of the gears" for law in GEAR_LAWS}
+    removed = list(dict.fromkeys(laws.get(part, part) for part in fitted_parts(fit)))
     if "torque_scale" in fit.parameters.layout:
         removed.append("torque scale error")
     return f"without {enumerated(removed)}" if removed else ""

@@ -76,10 +76,10 @@ def bounded_number(name: str, unit: str, value: ArrayLike, *, zero: bool = False
 
     Raises JointIdError when the value is not a finite number or out of range.
     """
-    number = float(finite_array(f"{name} ({unit})", value, ndim=0))
+    number = float(finite_array(f"{name} ({unit})" if unit else name, value, ndim=0))
     if number < 0 or (number == 0 and not zero):
         rule = "not be negative" if zero else "be positive"
-        raise JointIdError(f"{name} = {number:g} {unit}: it must {rule}.")
+        raise JointIdError(f"{f'{name} = {number:g} {unit}'.rstrip()}: it must {rule}.")
     return number
 
 

@@ -39,7 +39,7 @@ class Inertia:
     uncertainty of M2 then applies to M2 − added. By default zero."""
     gravity: Floats
     """Stiffness of gravity, the derivative of the static torque with respect to the joint angles,
-    shape (n, n), N·m/rad; exact. By default zero: a horizontal arm."""
+    shape (n, n), N·m/rad; as uncertain as M2. By default zero: a horizontal arm."""
     shared: Floats
     """Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
     payload, shape (n, n), kg·m². By default zero."""
@@ -72,7 +72,7 @@ class Inertia:
             added=known,
             gravity=_symmetric("gravity", "gravity stiffness", gravity, n, "N·m/rad"),
             shared=_symmetric("shared", "change of M2", shared, n),
-            shared_gravity=_symmetric("shared_gravity", "its change", shared_gravity, n, "N·m/rad"),
+            shared_gravity=_symmetric("shared_gravity", "gravity change", shared_gravity, n, "N·m/rad"),
         )
 
     @property

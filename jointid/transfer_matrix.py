@@ -334,7 +334,7 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
             )
         raise JointIdError(
             f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent, "
-            "as in repeated experiments. Measure one with different relative amplitudes or phases "
+            "as in repeated experiments. Measure another with different relative amplitudes or phases "
             "of the joints, for instance with one joint reversed."
         )
     inverse = np.linalg.pinv(T)

@@ -378,6 +378,9 @@ def test_effects_are_named_with_their_values(study: Study) -> None:
     )
     assert model_name(found) == "elasticity + arm-side viscous friction + a lag per joint"
     assert without(found) == "without arm-side viscous friction and a lag per joint"
+    laws = ParameterLayout.of(2, effects=["cubic", "backlash"])
+    nonlinear = laws.named(laws.pack(K=plain.K, D=plain.D, cubic=[9.0, 0.0], backlash=[1e-3, 0.0]))
+    assert without(replace(plain, parameters=nonlinear)) == "without nonlinearity of the gears"
     shown = {quantity.name: quantity.shown for quantity in further_quantities(found)}
     assert shown["arm-side viscous friction 1"] == ("0.002000 ± 0.000010", "N·m·s/rad")
     assert shown["lag 1"] == ("0.100 ± 0.010", "ms")

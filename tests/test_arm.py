@@ -131,7 +131,7 @@ def test_out_of_reach_and_singular_points_are_refused() -> None:
     [
         ({"drive": "belt"}, 'drive = "belt"'),
         ({"mass_kg": [45.0, -1.0]}, "mass_kg of link 2 is -1 kg: it must be positive"),
-        ({"gear_ratio": [0.0, 90.0]}, "gear_ratio of link 1 is 0"),
+        ({"gear_ratio": [0.0, 90.0]}, "gear_ratio of link 1 is 0: it must not be zero"),
         ({"centre_m": [-0.1, 0.3]}, "must not be negative"),
         ({"length_m": [0.7, 0.7, 0.7]}, "3 value"),
         ({"inertia_kgm2": [1.0, np.nan]}, "must be finite"),

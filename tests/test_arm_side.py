@@ -534,7 +534,7 @@ def test_records_without_any_sensor_or_with_other_joints_are_refused() -> None:
 
 
 def test_a_repeated_record_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(JointIdError, match="torque_std"):
+    with pytest.raises(JointIdError, match=r"torque_std = -0\.1: it must not be negative"):
         identify_arm_side(record(), ROBOT, torque_std=-0.1)
     monkeypatch.setattr("jointid.arm_side.identify._identified", lambda records, *_: records)
     first, other = record(), replace(record(), tau_Nm=1.1 * record().tau_Nm)
@@ -603,7 +603,7 @@ def test_the_command_prints_stiffness_and_skew(tmp_path: Path) -> None:
     assert "robot model" in refused.stderr
     motor = CliRunner().invoke(app, [*run, "--unit", "N·m/rad at the motor"], env={"COLUMNS": "400"})
     assert motor.exit_code == 2
-    assert "is not one of its units: N·m/rad at the joint, " in motor.stderr
+    assert "is not a unit at the joint: N·m/rad at the joint, " in motor.stderr
     found = CliRunner().invoke(app, [*run, "--robot", str(tmp_path / "robot.toml"), "--json"])
     document = json.loads(found.stdout)
     np.testing.assert_allclose(document["K"][:SENSORS], fit().K[:SENSORS], rtol=1e-3)

@@ -516,7 +516,7 @@ def test_an_exception_from_progress_stops_the_run():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Controller(bandwidth_hz=0.0), r"bandwidth_hz \(Hz\) is 0: must be positive"),
+        (lambda: Controller(bandwidth_hz=0.0), r"bandwidth_hz \(Hz\) is 0: it must be positive"),
         (lambda: Controller(damping_ratio=[0.5, -1]), "damping_ratio is -1"),
         (lambda: Controller(torque_delay_s=-1e-3), "torque_delay_s .* not be negative"),
         (lambda: Controller(torque_delay_s=1.0), "more than 0.1 s"),

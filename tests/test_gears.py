@@ -643,7 +643,7 @@ def test_a_noisy_harmonic_does_not_fold_a_torsion_curve() -> None:
 def test_hysteresis_is_distinguished_from_damping() -> None:
     fit = fitted("hysteresis")
     assert fit.gears[0].kind == "hysteresis"
-    assert " ± 0.0" in gear_terms(fit, 0)["Hysteresis (to either side)"]
+    assert " ± 0.0" in gear_terms(fit, 0)["Hysteresis (half loop height)"]
     assert fit.gears[0].hysteresis_Nm == pytest.approx(0.08, rel=0.15)
 
 

@@ -148,7 +148,7 @@ def test_wrong_joint_angles_are_named(tmp_path: Path) -> None:
         )
     with pytest.raises(JointIdError, match=r"pose 'low' is .* rad, more than two turns: give radians"):
         replace(six_axes(), poses={}, pose_angles_rad={"low": np.degrees(POSES["low"])})
-    with pytest.raises(JointIdError, match=r"q has shape \(0,\)"):
+    with pytest.raises(JointIdError, match=r"q \(joint angles\) has shape \(0,\)"):
         replace(six_axes(), poses={}, pose_angles_rad={"low": np.zeros(0)})
 
 

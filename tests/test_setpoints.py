@@ -484,7 +484,7 @@ def test_invalid_settings_are_refused(settings: dict[str, object], said: str) ->
 def test_a_format_refuses_unsupported_motions() -> None:
     with pytest.raises(JointIdError, match="start angles of 6 axes"):
         set_points(simulated(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
-    with pytest.raises(JointIdError, match="expected 4 and 12 ms"):
+    with pytest.raises(JointIdError, match="possible intervals: 4 and 12 ms"):
         set_points(simulated(), WIDE, "rsi", interval_ms=2.0)
     with pytest.raises(JointIdError, match=r"23\.00 Hz has fewer than 5 .* plan up to 16\.67 Hz"):
         set_points(simulated(), WIDE, "rsi", interval_ms=12.0)
@@ -495,7 +495,7 @@ def test_a_format_refuses_unsupported_motions() -> None:
         b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
         "one.toml",
     )
-    with pytest.raises(JointIdError, match="experiment with 2"):
+    with pytest.raises(JointIdError, match="experiment has 2 joints, the limits are for 1 joint"):
         set_points(simulated(), one, "csv")
 
 

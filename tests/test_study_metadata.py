@@ -66,7 +66,7 @@ def test_a_problem_points_first_to_what_the_import_assumed(
     wrong = replace(known, records=tuple(records), assumed=("gear ratio 1 (joint 1)",))
     first, *others = (found := analyse(wrong)).findings
     assert first.level == "problem"
-    assert first.remedy.startswith("First check what the import assumed, listed as ")
+    assert first.remedy.startswith("First check the assumptions of the import, listed as ")
     _print(Path("wrong"), found, "", as_json=False)
     assert capsys.readouterr().out.count("gear ratio 1 (joint 1)") == 1
     assert not any("assumed" in finding.remedy for finding in others)

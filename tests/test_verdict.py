@@ -613,7 +613,7 @@ def test_two_records_of_one_experiment_are_named() -> None:
     found = analysed(records, method="weighted").findings
     (same,) = said(found, "1 frequency has no transfer matrix")
     assert same.detail.startswith("At 28.9 Hz the torques of record 13, record 14")
-    assert "as in repeated experiments. Measure one" in same.detail
+    assert "as in repeated experiments. Measure another" in same.detail
     assert not said(of_sound_data(), "transfer matrix")
 
 

@@ -60,7 +60,7 @@ class ArmSideFit:
     joints: tuple[JointDeflection | None, ...]
     """Terms of each joint, for ``predict``; None where K is refused."""
     motors: MotorTorques
-    """Payload by the motor torques, and whether they agree with the robot model."""
+    """Payload that the motor torques indicate, and whether they agree with the robot model."""
     method: ClassVar[str] = "sensors behind the gears"
     model: ClassVar[str] = "elasticity + friction + transmission error + skew + payload"
 
@@ -90,8 +90,8 @@ class ArmSideFit:
 
         Limited to the band of the fit, apart from the transmission error. Only the motion of the motors
         is used. The constant offset is that of the fit; where the record has a sensor it is the median
-        difference from the sensor, since encoders may be homed again between records. At
-        positions beyond those of the fit, its slow transmission error is that at the nearest one.
+        difference from the sensor, since encoders may be homed again between records. Beyond
+        the positions of the fit, the slow transmission error is that at the nearest one.
         """
         with one_thread():
             return self._predict(record)

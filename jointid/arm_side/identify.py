@@ -107,7 +107,7 @@ def identify_arm_side(
         raise JointIdError(f"robot = {robot!r:.60}: expected a RobotModel, see RobotModel.load.")
     if band_hz is not None:
         band_hz = bounded_number("band_hz", "Hz", band_hz)
-    torque_std = bounded_number("torque_std", "relative", torque_std, zero=True)
+    torque_std = bounded_number("torque_std", "", torque_std, zero=True)
     if all(record.arm_rad is None for record in given):
         raise JointIdError(
             "No record has a sensor behind a gear: give arm_rad, or use identify_motion with motor data."

@@ -66,8 +66,8 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
 def _moves_otherwise(moves: str, where: str) -> str:
     return (
         f"Its sensor moves {minus(moves)} times as far as its motor and the gear ratio imply "
-        f"({where}). Give its angles in rad at the joint, and check that it belongs to this joint, its "
-        "sign and the gear ratio; if the gear ratio is wrong, K of other joints is wrong as well."
+        f"({where}). Give its angles in rad at the joint, and check its column, its sign and the gear "
+        "ratio; if the gear ratio is wrong, K of the other joints is also wrong."
     )
 
 

@@ -21,7 +21,7 @@ from jointid.uncertainty.comparison import (
 from jointid.uncertainty.comparison import compare as compare_quantities
 from jointid.wording import enumerated
 
-SECOND = typer.Argument(parser=named, help="Study to compare with it.", show_default=False)
+SECOND = typer.Argument(parser=named, help="Study to compare with STUDY.", show_default=False)
 
 
 def compare(

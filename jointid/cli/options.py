@@ -36,7 +36,7 @@ def known_method(value: str) -> str:
 def at_joint(value: str) -> str:
     """Check the unit of K from sensors behind the gears."""
     if value and value not in _AT_JOINT:
-        raise typer.BadParameter(f'"{value}" is not one of its units: {", ".join(_AT_JOINT)}.')
+        raise typer.BadParameter(f'"{value}" is not a unit at the joint: {", ".join(_AT_JOINT)}.')
     return value
 
 

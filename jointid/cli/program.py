@@ -107,7 +107,7 @@ def _reported(as_json: bool) -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit from None
     except OSError as error:
-        message = f"{error.filename or 'File'}: {error.strerror or error}."
+        message = f"{error.filename or 'File'}: {error.strerror or error}. Check the path."
     except (typer.Exit, typer.Abort):
         raise
     except Exception as error:
@@ -146,9 +146,9 @@ app = _Program(
     name="jointid",
     cls=_Commands,
     help="Identify stiffness K and damping D of elastic robot joints and simulate their effect on the "
-    "path.\n\nValues are at the motor unless stated otherwise. Exit codes: 0 done; 1 the input is "
-    "unusable; 2 the command or an option is wrong; 130 interrupted. The paper: Identification of Joint "
-    "Elasticity of Industrial Robots.",
+    "path.\n\nValues are at the motor unless stated otherwise. Exit codes: 0 done; 1 the input or "
+    "the value of an option is unusable; 2 the command line is wrong; 130 interrupted. The paper: "
+    "Identification of Joint Elasticity of Industrial Robots.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -73,7 +73,8 @@ class PlanarArm:
             ]
             if bad.any():
                 j = int(np.argmax(bad))
-                raise JointIdError(f"{name} of link {j + 1} is {value[j]:g} {unit}: it must {rule}.")
+                stated = f"{name} of link {j + 1} is {value[j]:g} {unit}".rstrip()
+                raise JointIdError(f"{stated}: it must {rule}.")
             set_fields(self, **{name: value})
 
     @classmethod

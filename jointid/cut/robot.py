@@ -56,7 +56,7 @@ RULES: dict[Rule, str] = {
     "direct": "The inertias of this study are those of the example arm at the cutting pose with a "
     "{drive} drive: its K and D apply unchanged.",
     "springs": "K and D of this study apply unchanged, but its inertias are those of the other drive: "
-    "the arm that cuts is not the study's robot.",
+    "the simulated arm is not the study's robot.",
     "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
     "known. The cut is that of the example arm with the paper's K = 43, 7.5 N·m/rad; the ratios of "
     "nominal to identified values, D/K and the relative errors are those of this study.",

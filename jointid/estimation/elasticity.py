@@ -91,17 +91,17 @@ class ElasticityFit:
     odd_misfit: float = np.inf
     """Misfit of the odd harmonics of sines, including the fundamentals; infinite where not known."""
     gravity: Floats | None = None
-    """Fitted gravity stiffness with each M2 of ``prior``, (p, n, n); None as given."""
+    """Fitted gravity stiffness with each M2 of ``prior``, (p, n, n); None: as given."""
     contradicts_inertias: bool = False
     """Whether other inertias explain motions far better than those given as exact."""
     times_logged_noise: float = 0.0
-    """Variance of the torques' noise by the residual of motions, over that of their logs."""
+    """Variance of the torque noise in the residual of motions, over that in the logged torques."""
     unseen_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from truncated friction harmonics, (2n,)."""
     prior_error: Floats | float = 0.0
     """Part of ``standard_error`` that comes from the prior of inertias and torque scales, (2n,)."""
     choice_error: Floats | float = 0.0
-    """Part of ``standard_error`` that comes from models that explain the data as well, (2n,)."""
+    """Part of ``standard_error`` that comes from other models that explain the data equally, (2n,)."""
     torque_scale: Floats | float = 1.0
     """True over logged torque, shape (n,); 1 where it was exact."""
     friction: Friction | None = None

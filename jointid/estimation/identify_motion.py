@@ -95,7 +95,7 @@ def identify_motion(
     friction, delay : bool, default False
         Fit them in every model compared.
     gives_up : callable, optional
-        Called if the first models are far from the data; True, as for wrong data, ends the search.
+        Called if the first models are far from the data; the result True (wrong data) ends the search.
 
     Returns
     -------

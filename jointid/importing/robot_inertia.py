@@ -49,7 +49,7 @@ class KnownRobot:
 
 
 def robot_from_toml(
-    text: str | bytes, file: str = "The TOML", read: Callable[[str], bytes] | None = None
+    text: str | bytes, file: str = "The text", read: Callable[[str], bytes] | None = None
 ) -> KnownRobot:
     """Read ``M``, ``M2`` and ``std``, at the top or under ``[inertia]``; a whole study.toml will do.
 
@@ -105,7 +105,7 @@ def _per_joint(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Floats:
     if array.shape != shape:
         found, wanted = (" × ".join(map(str, size)) for size in (array.shape, shape))
         raise JointIdError(
-            f"{name} has {found} values, but {counted(shape[0], 'gear ratio')} need {wanted}: give one "
+            f"{name}: {found} given, but {counted(shape[0], 'gear ratio')} need {wanted}: give one "
             "per joint, in the order of the joints."
         )
     return array

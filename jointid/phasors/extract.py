@@ -58,9 +58,9 @@ class Phasors:
     drift: Floats = field(default_factory=lambda: np.zeros(0))
     """Constant velocity superposed on each motor's sine, shape (r, n), rad/s."""
     mean_angle: Floats = field(default_factory=lambda: np.zeros(0))
-    """Angle around which each motor's sine oscillates, shape (r, n), rad."""
+    """Mean angle of each motor in a sine, shape (r, n), rad."""
     mean_torque: Floats = field(default_factory=lambda: np.zeros(0))
-    """Torque around which that of each motor's sine oscillates, such as gravity's, shape (r, n), N·m."""
+    """Mean torque of each motor in a sine, such as that of gravity, shape (r, n), N·m."""
     settling: Floats = field(default_factory=lambda: np.zeros(0))
     """Difference of z between the first quarter and the second half of a record, relative to z,
     shape (r, 2n); NaN with too few periods."""
@@ -215,7 +215,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     Returns
     -------
     Phasors
-        A held torque is corrected by e^{-iωT/2} sinc(ωT/2), one with the delay d by e^{-iωd}, each
+        A held torque is multiplied by e^{-iωT/2} sinc(ωT/2), a torque with delay d by e^{-iωd}, each
         harmonic at its own frequency.
 
     Raises

@@ -151,7 +151,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         + (
             "K and D of the robot are drawn from the error bars: of "
             f"{outcome.distribution.K.shape[0]} robots, 95 % stay {at_most(outcome.after_m)} "
-            f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; each zone shows its own limit."
+            f"in the largest corner zone, {1e3 * ZONES_M[-1]:g} mm; the figure shows it for each zone."
             if outcome.distribution is not None
             else f"The robot has exactly these values. {outcome.problem}"
         )

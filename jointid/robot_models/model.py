@@ -285,7 +285,7 @@ class RobotModel(RobotDescription):
 
     def _pose(self, q: ArrayLike) -> Floats:
         """Joint angles of one pose, shape (n,)."""
-        angles = vectors("q", q, self.n)
+        angles = vectors("q (joint angles)", q, self.n)
         if angles.ndim > 1:
             raise JointIdError(f"q has shape {angles.shape}: expected ({self.n},), one value per joint.")
         return angles

@@ -46,7 +46,7 @@ def read_urdf(file: str, data: bytes) -> RobotDescription:
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             link.remove(shape)
     _require_urdf(file, root)
-    pin = import_optional("pinocchio", "pin", "URDF", "robot")
+    pin = import_optional("pinocchio", "pin", "URDF files", "robot")
     try:
         model = pin.buildModelFromXML(tostring(root, "unicode"))
     except Exception as error:  # pinocchio passes on any exception of its C++ libraries
@@ -137,8 +137,8 @@ def _require_spelling(file: str, root: Element) -> None:
     for part in [*root.findall("link"), *root.findall("link/inertial"), *root.findall("joint")]:
         for tag in _ONCE:
             if len(part.findall(tag)) > 1:
-                name = part.get("name", "")
-                raise xml_error(file, f"{part.tag} {name}: expected one <{tag}>, got several.")
+                name = f"{part.tag} {part.get('name', '')}".rstrip()
+                raise xml_error(file, f"{name}: expected one <{tag}>, got several.")
 
 
 def _gears(file: str, root: Element) -> dict[str, float]:

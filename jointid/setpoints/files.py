@@ -9,7 +9,7 @@ from jointid.setpoints.formats import FORMATS
 from jointid.setpoints.limit_check import check_limits
 from jointid.setpoints.robot_limits import RobotLimits
 from jointid.setpoints.simulated_experiment import Peaks, SimulatedExperiment
-from jointid.wording import enumerated, significant
+from jointid.wording import counted, enumerated, significant
 
 _FEWEST_PER_PERIOD = 5
 """Fewest set points per period: with fewer, the controller's interpolation changes the sine."""
@@ -60,14 +60,17 @@ def _require_possible(
     highest, most = simulated.experiment.highest_hz, 1e3 / (_FEWEST_PER_PERIOD * interval_ms)
     if interval_ms not in (possible or (interval_ms,)) or not 0.05 <= interval_ms <= 100:
         names = enumerated([f"{value:g}" for value in sorted(possible)]) if possible else "0.05 to 100"
-        raise JointIdError(f"{chosen.title}: an interval of {interval_ms:g} ms, expected {names} ms.")
+        raise JointIdError(f"{chosen.title}: {interval_ms:g} ms; possible intervals: {names} ms.")
     if highest > most * (1 + 1e-9):
         raise JointIdError(
             f"{significant(highest)} Hz has fewer than {_FEWEST_PER_PERIOD} set points per period at "
             f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
         )
     if robot.gear_ratio.size != n:
-        raise JointIdError(f"Limits for {robot.gear_ratio.size} joints, experiment with {n}: give {n}.")
+        limits = counted(robot.gear_ratio.size, "joint")
+        raise JointIdError(
+            f"The experiment has {counted(n, 'joint')}, the limits are for {limits}: give all."
+        )
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(
             f"{chosen.title} needs the start angles of {' or '.join(map(str, chosen.axes))} axes, got "

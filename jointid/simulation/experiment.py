@@ -196,12 +196,12 @@ def checked_setting(
     what = f"{name} ({unit})" if unit else name
     array = finite_array(what, [value] if scalar else value, ndim=1)
     if single and not scalar:
-        raise JointIdError(f"{what}: expected one number, got {array.size}.")
+        raise JointIdError(f"{what}: expected one number, got an array of {array.size}.")
     wrong = np.zeros(array.shape, bool) if signed else array <= 0 if positive else array < 0
     if array.size == 0 or wrong.any():
         shown = f"{array[wrong][0]:g}" if array.size else "empty"
         rule = "be positive" if positive else "not be negative"
-        raise JointIdError(f"{what} is {shown}: must {rule}.")
+        raise JointIdError(f"{what} is {shown}: it must {rule}.")
     object.__setattr__(settings, name, float(array[0]) if scalar else array)
 
 

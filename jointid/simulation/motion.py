@@ -53,7 +53,7 @@ class Motion:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise JointIdError(f'kind = "{self.kind!s:.40}" is unknown: expected {", ".join(KINDS)}.')
+            raise JointIdError(f'Motion "{self.kind!s:.40}" is unknown: expected {", ".join(KINDS)}.')
         for name, unit in (("from_hz", "Hz"), ("to_hz", "Hz"), ("duration_s", "s")):
             checked_setting(self, name, unit, positive=True, single=True)
         for name, unit in LIMITS.items():

@@ -83,8 +83,8 @@ def planned_records(
     shape = (frequency.size, inertia.n)
     if given.shape not in (shape, shape[1:]) or not np.isfinite(given).all():
         raise JointIdError(
-            f"Amplitudes of shape {given.shape}: expected finite numbers, one row for each of the "
-            f"{shape[0]} records and one column per joint ({shape[1]})."
+            f"Amplitudes of shape {given.shape}: expected finite numbers, one row per record "
+            f"({shape[0]}) and one column per joint ({shape[1]})."
         )
     given = np.array(np.broadcast_to(given, shape), np.complex128)
     H = motor_response(2 * np.pi * frequency, inertia, elasticity)

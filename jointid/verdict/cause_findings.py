@@ -234,7 +234,7 @@ def _common_cause(cause: Cause, factor: Floats, proof: str, duration_s: float, e
     also = ""
     if left.size:
         also = (
-            f" A factor of {_values(rest[left])} then remains in {_joints(left, factor.size)}: "
+            f" Remaining factor in {_joints(left, factor.size)}: {_values(rest[left])}. "
             f"{_unknown_remedy(rest, left)}"
         )
     other = OTHER_CAUSES.get(cause.factor, "")
@@ -326,4 +326,5 @@ def _columns(signal: str, joints: Iterable[int]) -> str:
 
 
 def _values(values: Floats) -> str:
-    return enumerated([number(float(value), 3) for value in values])
+    texts = [number(float(value), 3) for value in values]
+    return enumerated(texts if len(set(texts)) > 1 else texts[:1])

@@ -202,7 +202,7 @@ def half_a_sample(evidence: Evidence) -> tuple[str, list[Change]]:
 
 
 def leads_beside_friction(fit: ElasticityFit) -> bool:
-    """Whether the torques lead beside friction, as they do where presliding follows a reversal."""
+    """Whether the torques lead in a model with friction, as with presliding after a reversal."""
     p, layout = fit.parameters, fit.parameters.layout
     times = [name for name in ("delay", "lag") if name in layout and "coulomb" in layout]
     return any(bool(np.any(p[name] < -CLEAR * fit.errors[name])) for name in times)
@@ -226,7 +226,7 @@ def is_far_nearer(one: ElasticityFit, other: ElasticityFit) -> bool:
 
 
 def unmodelled_presliding(evidence: Evidence) -> Iterator[Finding]:
-    """Torques of motions that lead beside friction, with a residual that is not the log's noise."""
+    """Torques that lead in motions with friction, with a residual beyond the noise of the log."""
     fit = evidence.fit
     if not (leads_beside_friction(fit) and fit.times_logged_noise > _MORE_THAN_LOGGED):
         return
@@ -234,9 +234,9 @@ def unmodelled_presliding(evidence: Evidence) -> Iterator[Finding]:
         return
     yield warning(
         "The model does not fully explain the friction of the motors",
-        "The fit has torques that lead, as they do where friction acts like a spring before a motor "
-        f"slides (presliding), and a residual of {times_noise(fit.times_logged_noise)}, the noise being "
-        "that of the logged torques. K and D may be off by more than their error bars.",
+        "The fitted torques lead, which indicates friction that acts like a spring before a motor "
+        f"slides (presliding). Residual: {times_noise(fit.times_logged_noise)} of the logged torques. "
+        "K and D may be off by more than their error bars.",
         "Move the joints faster, with torques well above their friction, or measure with sines. If the "
         "logged torques are filtered, log them without the filter.",
         float(relative(fit.standard_error, fit.estimate).max()),

@@ -156,14 +156,14 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
     k = int(np.argmax(change))
     accounts = "K and D are based on the fitted values."
     if exact:
+        before, after = times_noise(fit.misfit), times_noise(own.misfit)
         accounts = (
-            f"Refitting the inertias cuts the residual from {times_noise(fit.misfit)} to "
-            f"{times_noise(own.misfit)}, and "
-            f"{elasticity_labels(fit.n)[k]} changes by {percent(change[k])}."
+            f"Refitting the inertias changes {elasticity_labels(fit.n)[k]} by {percent(change[k])}"
         )
+        accounts += f" and cuts the residual from {before} to {after}." if before != after else "."
     couplings = all(_is_coupling(other) for _, other in off)
     if couplings and not absurd:
-        accounts += " Only couplings differ: gears that couple the motors of these joints do this."
+        accounts += " Only couplings differ, as with gears that couple the motors of these joints."
     own_inertias = dict(zip(evidence.poses, own.inertias, strict=True))
     if absurd:
         accounts += (

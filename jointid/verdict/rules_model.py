@@ -109,12 +109,13 @@ def hardly_known(evidence: Evidence) -> Iterator[Finding]:
     excess = np.maximum(excess, whole / np.where(is_stiffness, 0.3, 0.6))
     unknown = names[excess > 1].tolist()
     if unknown:
-        worst = int(np.argmax(excess))
+        nothing = undetermined(fit).all()
+        worst = int(np.argmax(excess[: fit.n] if nothing else excess))
         stated = relative(fit.standard_error, fit.estimate)[worst]
         size = percent(stated) if np.isfinite(fit.standard_error[worst]) else ""
         title = f"{some(unknown)} {'is' if len(unknown) == 1 else 'are'} poorly determined"
         make = warning
-        if undetermined(fit).all():
+        if nothing:
             make = problem
             title = f"These records do not determine {enumerated(names[: fit.n].tolist())}"
         yield make(
@@ -149,7 +150,7 @@ def model_limits(evidence: Evidence) -> Iterator[Finding]:
         text = f"{left}: too little to change K or D noticeably."
         yield note("The residual is above the noise, but negligible", text, "", share_left)
         return
-    if fit.inflation > 1:
+    if fit.inflation > 1.05**2:  # else the factor rounds to 1
         widened = times_noise(fit.inflation).removesuffix(" × noise")
         left += f". The noise part of the error bars is widened by a factor of {widened}"
     odd_record, changes = _odd_record(evidence)

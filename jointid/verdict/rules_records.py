@@ -126,9 +126,9 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
         parts.append(f"{'; '.join(never)} {verb} not become steady.")
     if not steady:
         return " ".join(parts), "Measure again. Wait longer before recording."
-    ones = "this time" if len(steady) == 1 else "these times"
+    ones = "record at this time" if len(steady) == 1 else "records at these times"
     return " ".join(parts), (
-        f"Start the records at {ones}: set the start of the run on import, or start_s in "
+        f"Start the {ones}: set the start of the run on import, or start_s in "
         f"study.toml. {'Measure the others again. ' if never else ''}Next time: wait longer before "
         "recording."
     )

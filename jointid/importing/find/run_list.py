@@ -78,7 +78,7 @@ def _segment(row: dict[str, Any], log: MappedLog) -> Segment:
         if given is not None:
             raise JointIdError("it has frequency_hz and band_hz: keep one of them.")
         if not isinstance(band, list) or len(band) != 2:
-            raise JointIdError(f"band_hz = {shown(band)}; expected two frequencies, Hz.")
+            raise JointIdError(f"band_hz is {shown(band)}; expected two frequencies, Hz.")
         low, high = (_number("band_hz", value) for value in band)
         return Segment(start, stop, float("nan"), band_hz=(low, high))
     if given is None or given == []:

@@ -105,7 +105,7 @@ def kind_of(name: str, head: bytes) -> str:
         if head.startswith(magic) and (not magic.isascii() or b"\0" in head or magic in _TEXT_MAGIC):
             named = what
     if named:
-        raise JointIdError(f"{name} is {named}, not a log. Export it as CSV, Parquet or HDF5.")
+        raise JointIdError(f"{name} cannot be read: it is {named}. Export it as CSV, Parquet or HDF5.")
     return next((kind for kind, reader in readers().items() if ending in reader.endings), TEXT)
 
 

@@ -55,7 +55,7 @@ def choose_study() -> tuple[str, str, str] | None:
             key="unit",
             help="For the answer, its report, and all tables and figures of K, D and the gears. With "
             "a gear ratio N, a stiffness K at the motor is N² K at the joint. Records, phasors, H, "
-            "fleets and files stay at the motor, in SI units.",
+            "fleets and files of K and D stay at the motor, in SI units.",
         )
         equip_page()
     return None if key is None else (key, method, unit)

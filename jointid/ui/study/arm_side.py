@@ -23,7 +23,7 @@ def ask_for_robot(page: Page) -> None:
         return
     st.write(
         "The study has sensors behind the gears. With the torque of the robot model they give K at the "
-        "joint, from any motion. The study with its model is added to the list."
+        "joint, from any motion. A copy of the study with the model is added to the list."
     )
     kinds = "URDF, MJCF (.xml) or Denavit–Hartenberg TOML, with gear ratios."
     key = "robot_model_of_sensors"

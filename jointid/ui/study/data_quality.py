@@ -52,7 +52,7 @@ def show_quality(page: Page) -> None:
             "- **Distortion**: amplitude of the harmonics over that of the sine, "
             "from friction or a nonlinear gear.\n"
             "- **Settling**: relative difference of the sine between the first quarter "
-            "and the second half. Above 1 % the robot has not settled.\n"
+            "and the second half. Findings name the records that have not settled.\n"
             "- **Found**, where it is not the stated frequency: that of the motor's motion.\n"
             "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
         )

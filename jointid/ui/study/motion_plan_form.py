@@ -66,7 +66,7 @@ def show_motion_plan(
     """Ask for the limits and show the expected accuracy of each motion.
 
     The limits of velocity and torque are those of the plan of ``sines``, if there is one; the motions
-    stand beside the sines that are ``suggested``.
+    are compared with the sines that are ``suggested``.
     """
     st.write(
         "The identified robot is simulated with a sweep and a multisine within your limits and with the "

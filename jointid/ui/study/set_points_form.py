@@ -81,7 +81,7 @@ def show_set_points(
         show_info(problem)
         return
     st.write(
-        "The plan above as a motion of the joints, for the controller. It runs on the simulated robot "
+        "The plan above as a motion of the joints, for the controller. Two simulated robots run it "
         "first; a file is written only if the limits of the robot hold for the whole motion, with ramps "
         "and load at rest. Amplitudes are limited by the plan. Read the header of the file before use."
     )

@@ -100,7 +100,7 @@ _LAWS = {
 }
 """Label and explanation of the laws of a gear, one number for all joints or one each."""
 _GROUPS = {
-    "Hardening, lost motion": ("cubic", "backlash_rad"),
+    "Hardening, backlash": ("cubic", "backlash_rad"),
     "Friction in the gear": ("hysteresis_Nm", "presliding_rad"),
     "Three slopes, as in gear catalogues": ("T1_Nm", "K2", "T2_Nm", "K3"),
 }

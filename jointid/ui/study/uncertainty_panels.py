@@ -158,7 +158,7 @@ def show_checks(page: Page, analysis: Analysis) -> None:
         "one frequency at a time; its scatter includes every cause except the inertias, which all "
         "records share: compare it with the part from noise. A factor of two is normal. A larger "
         "jackknife indicates a wrong model. Half the range of the central 68 % of the draws is far "
-        "below the bootstrap only if a few draws are outliers."
+        "below their scatter only if a few draws are outliers."
     )
     slow = analysis.fit.friction is not None or analysis.fit.delay is not None
     draws = _SLOW_DRAWS if slow else _FAST_DRAWS

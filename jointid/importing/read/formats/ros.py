@@ -88,7 +88,7 @@ def _require_plain_names(file: str, path: Path) -> None:
         if set("%?#").intersection(part.name):
             raise JointIdError(
                 f"{file}: the file name {part.name!r:.200} has one of the characters %, ? and #, which "
-                "a ROS bag cannot have: rename it, also in metadata.yaml."
+                "ROS bags do not allow: rename it, also in metadata.yaml."
             )
 
 

@@ -80,8 +80,8 @@ def decoded(file: str, data: bytes) -> str:
             if not stated:
                 raise _no_text(file) from error
             raise JointIdError(
-                f"{file} begins as {encoding.upper()} text, but the bytes at {error.start} are not: "
-                "the file is damaged. Export it again."
+                f"{file} begins as {encoding.upper()} text, but byte {error.start} is not: the file "
+                "is damaged. Export it again."
             ) from error
         for other in ("cp932", "gb18030", "cp949", "cp1251"):
             head_of = data[:4096].decode(other, "ignore")
