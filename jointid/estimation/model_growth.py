@@ -155,7 +155,6 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
         wider += [bare.with_part(part) for part in instead if part not in LAWS]
-    highest = scored[clear[0]].gain / found.cost if clear else 0.0
     sharper: list[Model] = []
     if model.reversal is not None and may_be_richer:
         richer = _RICHER.get((model.reversal, model.curve), ())
@@ -178,19 +177,18 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         others = ["backlash"] * (may_be_richer and "backlash" not in model.parts) + ["piecewise"]
         others = others[::-1] if search.has_motions else others  # their fits are few
         instead_of_cubic = [plain.with_part(law) for law in others]
-        later = highest > NEARLY_ALL or other_part_leads(search, model)
-        later &= not search.has_motions
+        later = other_part_leads(search, model) and not search.has_motions
         wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
     return [*sharper, *wider]
 
 
 def other_part_leads(search: Search, model: Model) -> bool:
-    """Whether a part that is no law of the gears promises more than laws do, and comes before them."""
+    """Whether a part comes before other laws in place of one: it explains nearly all, or is no law."""
     found, scored = search.fits.estimate(model), search.scores(model)
     if found is None or not scored:
         return False
     first = max(scored, key=lambda part: scored[part].gain)
-    return first not in GEAR_LAWS and scored[first].gain > _LEADING * found.cost
+    return scored[first].gain > (NEARLY_ALL if first in GEAR_LAWS else _LEADING) * found.cost
 
 
 def step_towards(search: Search, other: Model, found: LikelihoodEstimate) -> tuple[Floats, float]:

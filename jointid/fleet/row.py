@@ -11,6 +11,7 @@ from jointid.analysis import Analysis, ArmSideAnalysis, answer_state
 from jointid.answer import model_name
 from jointid.files.application import __version__
 from jointid.files.digest import study_digest
+from jointid.wording import counted
 
 REFUSED, TIME, MEMORY, CRASH, LOST, FAULT = "refused", "time", "memory", "crash", "lost", "fault"
 """Reasons for a missing answer: unusable files; time limit; memory limit; its process ended; its workers
@@ -184,7 +185,7 @@ def from_plain(document: Any) -> Row:
         if isinstance(value, tuple) and name != "findings":
             negative = name.endswith("_error") and any(x < 0 for x in value)
             if len(value) not in (0, row.joints) or negative:
-                raise ValueError(f"{name} = {value!r:.60} for {row.joints} joints")
+                raise ValueError(f"{name} = {value!r:.60} for {counted(row.joints, 'joint')}")
     if row.verdict not in VERDICTS or row.failure not in FAILURES:
         raise ValueError("an unknown verdict or failure")
     if row.date:

@@ -102,7 +102,8 @@ class CheckedTable:
     def numbers(self, key: str) -> list[float]:
         """Return a list of finite numbers; a single number counts as a list of one."""
         value = self._get(key)
-        return [self._number(key, item) for item in (value if isinstance(value, list) else [value])]
+        items = value if isinstance(value, list) else [value]
+        return [self._number(key, item, "numbers") for item in items]
 
     def texts(self, key: str) -> list[str]:
         """Return a list of strings."""
@@ -116,8 +117,8 @@ class CheckedTable:
         value = self._get(key)
         rows = value if isinstance(value, list) else [[value]]
         if not all(isinstance(row, list) and len(row) == len(rows[0]) for row in rows):
-            raise self._wrong_type(key, value, "a list of equally long rows")
-        return [[self._number(key, item) for item in row] for row in rows]
+            raise self.error(f"{key} must be equally long rows. Example: {self._examples[key]}.")
+        return [[self._number(key, item, "rows of numbers") for item in row] for row in rows]
 
     def table(self, key: str, examples: Mapping[str, str]) -> CheckedTable:
         """Return the table under ``key``."""
@@ -151,9 +152,9 @@ class CheckedTable:
             raise self.error(f"{key} is missing. Example: {self._examples[key]}.")
         return value
 
-    def _number(self, key: str, value: object) -> float:
+    def _number(self, key: str, value: object, expected: str = "a number") -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self._wrong_type(key, value, "a number")
+            raise self._wrong_type(key, value, expected)
         try:
             number = float(value)
         except OverflowError:  # an integer beyond 1.8e308

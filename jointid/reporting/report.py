@@ -298,9 +298,12 @@ def _digits(analysis: Answer) -> Iterator[Block]:
         found, side = (*found, *further_quantities(fit)), "motor"
         command = "identify STUDY" + (f" --method {fit.method}" if fit.method != "auto" else "")
     rows = [
-        (q.name, repr(q.value), repr(q.error), q.unit)
-        if isfinite(q.error)
-        else (q.name, repr(q.value) if isfinite(q.value) else "–", UNDETERMINED, q.unit)
+        (
+            q.meaning if " " in q.name else q.name,
+            repr(q.value) if isfinite(q.value) else "–",
+            repr(q.error) if isfinite(q.error) else UNDETERMINED,
+            q.unit,
+        )
         for q in found
     ]
     yield Paragraph(

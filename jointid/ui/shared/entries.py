@@ -31,7 +31,7 @@ def numbers_in(name: str, text: str, *, count: int | None = None) -> tuple[float
     if count is not None and len(values) == 1:
         values *= count
     if count is not None and len(values) != count:
-        raise JointIdError(f"{name}: {len(values)} values for {counted(count, 'joint')}: give one each.")
+        raise JointIdError(f"{name}: {len(values)} values for {counted(count, 'joint')}: give {count}.")
     return values
 
 
