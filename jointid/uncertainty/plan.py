@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, per_joint, whole_number
+from jointid.arrays import Complexes, Floats, bounded_number, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
@@ -184,10 +184,13 @@ def _candidate_frequencies(
     band = phasors.omega / (2 * np.pi)
     modes = resonances(inertia, fit.elasticity)
     lowest = max(_LOWEST * float(band.min()), 1.001 / duration_s if duration_s > 0 else 0.0)
-    highest = _HIGHEST * float(band.max()) if highest_hz is None else float(highest_hz)
+    highest = _HIGHEST * float(band.max())
+    if highest_hz is not None:
+        highest = bounded_number("highest_hz", "Hz", highest_hz)
     low, high = min(band.min(), 0.3 * modes[0]), max(band.max(), 1.3 * modes[-1])
-    low, high = max(low, lowest), min(high, max(highest, float(band.max())))
-    return np.asarray(np.geomspace(low, max(low, high), _CANDIDATE_FREQUENCIES))
+    high = min(high, highest)
+    low = min(max(low, lowest), high)
+    return np.asarray(np.geomspace(low, high, _CANDIDATE_FREQUENCIES))
 
 
 def _candidates(
