@@ -78,9 +78,11 @@ def _require_possible(
     axes, n = robot.start_deg.size, simulated.coulomb_Nm.size
     highest, most = simulated.experiment.highest_hz, highest_hz(chosen.name, interval_ms)
     if highest > most * (1 + 1e-9):
+        allowed = np.floor(100 * most + 1e-9) / 100  # rounded up, it would be refused as well
+        shorter = min(chosen.intervals_ms, default=0.0) < interval_ms
         raise JointIdError(
             f"{significant(highest)} Hz has fewer than {_FEWEST_PER_PERIOD} set points per period at "
-            f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
+            f"{interval_ms:g} ms: plan up to {allowed:.2f} Hz{', or shorten the interval' * shorter}."
         )
     if robot.gear_ratio.size != n:
         raise JointIdError(f"Limits for {robot.gear_ratio.size} joints, experiment with {n}: give {n}.")
