@@ -36,7 +36,7 @@ POSITION_LIMIT = numbers_option(
 )
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
 TO_HZ = typer.Option(
-    help="Highest frequency, Hz; default: 40 with --motion, else a quarter of the study's sample rate."
+    help="Highest frequency, Hz; default: 40 with --motion, else a quarter of the study's sample rate or its highest."
 )
 _MOTION_TO_HZ = 40.0
 
@@ -116,7 +116,7 @@ def planned(
     refused.
     """
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
-    from jointid.uncertainty.plan import suggest_records
+    from jointid.uncertainty.plan import highest_logged_hz, suggest_records
 
     position, velocity, torque = (numbers(text) if text else None for text in limits)
     known = load_named(path)
@@ -131,7 +131,7 @@ def planned(
         if usable:
             analysis.require_usable()
         if shape is None:
-            quarter = 0.25 / max(record.interval_s for record in known.records)
+            highest_hz = min(highest_hz, highest_logged_hz(known.records, analysis.phasors))
             return analysis, suggest_records(
                 analysis.phasors,
                 known.inertias,
@@ -140,7 +140,7 @@ def planned(
                 duration_s=duration_s,
                 torque_limit_Nm=torque,
                 velocity_limit_rad_s=velocity,
-                highest_hz=min(highest_hz, quarter),
+                highest_hz=highest_hz,
             )
         motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
         options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}

@@ -16,7 +16,7 @@ from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import computed_on_click, run_in_background
-from jointid.uncertainty.plan import Suggestion, suggest_records
+from jointid.uncertainty.plan import Suggestion, highest_logged_hz, suggest_records
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted, percent, significant, three_digits
@@ -53,10 +53,10 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     three, four = st.columns(2)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
     seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
-    quarter = 0.25 / max(record.interval_s for record in study.records)
+    most_hz = highest_logged_hz(study.records, analysis.phasors)
     hint = "Default: a quarter of the sample rate. Set points at 4 ms allow 50 Hz, at 8 ms 25 Hz."
     name = "Highest frequency"
-    highest = enter_text(five, f"plan_highest_{digest[:12]}", f"{name} (Hz)", f"{quarter:.6g}", hint)
+    highest = enter_text(five, f"plan_highest_{digest[:12]}", f"{name} (Hz)", f"{most_hz:.6g}", hint)
     label, of = "Torque amplitudes up to (N·m)", "at the motors, friction included"
     torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
@@ -82,7 +82,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
         raise JointIdError("The amplitudes of torque and velocity must be positive numbers.")
     if not 0 < highest_hz < np.inf:
         raise JointIdError(f"{name}: {highest} Hz, expected a positive number.")
-    return PlanSettings(int(count), float(seconds), *limits, min(highest_hz, quarter), pose)
+    return PlanSettings(int(count), float(seconds), *limits, min(highest_hz, most_hz), pose)
 
 
 def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of: str) -> str:
