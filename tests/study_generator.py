@@ -51,7 +51,7 @@ from jointid.ui.study.data_quality import quality_table
 from jointid.ui.study.elasticity_figures import harmonic_columns
 from jointid.uncertainty.answer_tables import error_table, estimates_table
 from jointid.uncertainty.information import prior_influence
-from jointid.uncertainty.plan import predict_standard_errors, suggest_records
+from jointid.uncertainty.plan import highest_logged_hz, predict_standard_errors, suggest_records
 from jointid.uncertainty.poses import fits_by_pose
 from jointid.uncertainty.resampling import bootstrap, jackknife
 from jointid.uncertainty.validation import (
@@ -488,7 +488,7 @@ def _residuals(analysis: Analysis) -> None:
 
 def _plan(analysis: Analysis) -> None:
     study, phasors, fit = analysis.study, analysis.phasors, analysis.fit
-    highest = 0.25 / max(record.interval_s for record in study.records)
+    highest = highest_logged_hz(study.records, phasors)
     limit = np.maximum(np.abs(phasors.tau).max(axis=0), 1e-6)
     found = suggest_records(
         phasors, study.inertias, fit, count=1, torque_limit_Nm=limit, highest_hz=highest

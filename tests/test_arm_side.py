@@ -220,6 +220,10 @@ def test_joints_whose_torque_hardly_varies_or_that_rest_are_refused() -> None:
     assert "not identifiable" in found.reasons[0]
     assert "moves too little" in found.reasons[1]
     assert np.isfinite(found.K[2])
+    assert found.table["K at the joint (N·m/rad)"][:2] == ["–", "–"]
+    skew = found.table["Skew of the sensor (µs)"]  # the motion shows it, whatever the torque
+    assert skew[0] != "–"
+    assert skew[1] == "–"
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0])

@@ -411,3 +411,5 @@ def test_suggested_frequencies_stay_in_a_sensible_band() -> None:
     stiff = replace(fit, K=1e9 * fit.K)
     high = suggest_records(phasors, SERIAL, stiff, count=5, highest_hz=100.0).records.frequency_hz
     assert high.max() <= 100.1
+    below = suggest_records(phasors, SERIAL, fit, count=2, highest_hz=0.5 * BAND_HZ.max())
+    assert below.records.frequency_hz.max() <= 0.5 * BAND_HZ.max()

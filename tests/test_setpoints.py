@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from setpoint_readers import limit_shares, outcome, random_trial, read
 from typer.testing import CliRunner
 
 from jointid import (
+    Analysis,
     Elasticity,
     Inertia,
     JointIdError,
@@ -152,6 +154,15 @@ def test_other_motions_stay_within_the_velocities_and_torques_of_the_plan(kind: 
 
 
 # ----------------------------------------------------------------------- the simulated robot
+
+
+def test_no_sine_of_a_multisine_is_above_the_plan() -> None:
+    """Its lines are spaced evenly; set points may leave no room above the planned frequencies."""
+    high = planned_records(
+        PARALLELOGRAM, PAPER, [11.3, 16.6667], torque_Nm=np.ones((2, 2)), duration_s=4.0
+    )
+    experiment = planned_experiment(high, PARALLELOGRAM, PAPER, kind="multisine")
+    assert experiment.highest_hz <= 16.6667
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -486,8 +497,8 @@ def test_a_format_refuses_unsupported_motions() -> None:
         set_points(simulated(), replace(WIDE, start_deg=START_DEG[:5], joint_names=()), "ur")
     with pytest.raises(JointIdError, match="possible intervals: 4 and 12 ms"):
         set_points(simulated(), WIDE, "rsi", interval_ms=2.0)
-    with pytest.raises(JointIdError, match=r"23\.00 Hz has fewer than 5 .* plan up to 16\.67 Hz"):
-        set_points(simulated(), WIDE, "rsi", interval_ms=12.0)
+    with pytest.raises(JointIdError, match=r"23\.00 Hz has fewer than 5 .* up to 16\.66 Hz, or shorten"):
+        set_points(simulated(), WIDE, "rsi", interval_ms=12.0)  # 16.67 Hz would be refused as well
     with pytest.raises(JointIdError, match="csv, ros2, ur, egm, rsi"):
         set_points(simulated(), WIDE, "krl")
     one = limits_from_toml(
@@ -571,6 +582,29 @@ def test_the_command_writes_a_checked_file(
     both = CliRunner().invoke(app, [*command, "--sines-as=sweep", "--motion", "sweep"])
     assert (both.exit_code, "--sines-as applies to" in both.stderr) == (2, True)
     assert "Margin" in CliRunner().invoke(app, [*command, "--overwrite"]).stdout
+
+
+@pytest.mark.parametrize(("file_format", "interval_ms"), [("ur", 8), ("rsi", 12)])
+def test_the_command_plans_no_faster_than_the_set_points(
+    file_format: str,
+    interval_ms: int,
+    analyses: dict[int, Analysis],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """A controller that takes few set points a second runs the best plan of lower frequencies."""
+    analysis, limits, output = analyses[2], tmp_path / "limits.toml", tmp_path / "cell.script"
+    module = import_module("jointid.cli.plan")
+    monkeypatch.setattr(module, "load_named", lambda path: analysis.study)
+    monkeypatch.setattr(module, "analyse", lambda study, method: analysis)
+    limits.write_text(TOML, "utf-8")
+    command = ["setpoints", "paper", "--limits", str(limits), "-o", str(output), "--count", "1"]
+    command += ["--format", file_format, "--interval-ms", str(interval_ms), "--duration-s", "1"]
+    run = CliRunner().invoke(app, command)
+    assert run.exit_code == 0, run.stderr
+    found = re.search(r"record 1 \(([\d.]+) Hz\)", output.read_text("utf-8"))
+    assert float(found[1]) <= round(200 / interval_ms, 2)
+    assert max(record.frequency_hz for record in analysis.study.sine_records) > 200 / interval_ms
 
 
 def test_the_command_writes_a_planned_motion_of_a_study_of_motions(tmp_path: Path) -> None:

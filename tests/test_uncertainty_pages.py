@@ -274,6 +274,17 @@ class TestTheNextExperiment:
         at = at.button[0].click().run()
         assert len(at.table[0].value) == 5
 
+    def test_frequencies_end_at_the_highest_one(self, app: AppTest) -> None:
+        """Controllers that take a set point every 8 or 12 ms run slower sines only."""
+        at = opened(app, PLAN)
+        field = next(w for w in at.text_input if w.label.startswith("Highest frequency"))
+        field.set_value("16")
+        at = shown(at.button[0].click().run())
+        assert max(map(float, column(at, "Frequency (Hz)"))) <= 16
+        next(w for w in at.text_input if w.label.startswith("Highest")).set_value("0")
+        at = at.button[0].click().run()
+        assert "Highest frequency" in at.error[0].value
+
     @pytest.mark.parametrize(
         ("text", "said"), [("1, 2, 3", "3 values for 2"), ("much", "not a number"), ("-1", "positive")]
     )

@@ -71,17 +71,16 @@ class ArmSideFit:
 
     def table_in(self, unit: str, factor: float) -> dict[str, list[str]]:
         """Return the table with K in another unit, ``factor`` of it for each N·m/rad."""
-        known = np.isfinite(self.K)
         pairs = {
-            f"K at the joint ({unit})": (factor * self.K, factor * self.standard_error, known),
-            "Skew of the sensor (µs)": (1e6 * self.skew_s, 1e6 * self.skew_error_s, known),
+            f"K at the joint ({unit})": (factor * self.K, factor * self.standard_error),
+            "Skew of the sensor (µs)": (1e6 * self.skew_s, 1e6 * self.skew_error_s),
         }
         cells = {
             name: [
-                with_error(float(v), float(e)) if k else "–"
-                for v, e, k in zip(value, error, given, strict=True)
+                with_error(float(v), float(e)) if np.isfinite(v) else "–"
+                for v, e in zip(*both, strict=True)
             ]
-            for name, (value, error, given) in pairs.items()
+            for name, both in pairs.items()
         }
         return {"Joint": [f"{j + 1}" for j in range(self.K.size)]} | cells | {"Note": [*self.reasons]}
 

@@ -35,7 +35,10 @@ POSITION_LIMIT = numbers_option(
     "With --motion: largest motor positions, ± rad; default: the largest in the study."
 )
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
-TO_HZ = typer.Option(help="With --motion: highest frequency, Hz.")
+TO_HZ = typer.Option(
+    help="Highest frequency, Hz; default: 40 with --motion, else a quarter of the study's sample rate."
+)
+_MOTION_TO_HZ = 40.0
 
 
 def plan(
@@ -47,7 +50,7 @@ def plan(
     motion: Annotated[str, MOTION] = "",
     position_limit: Annotated[str, POSITION_LIMIT] = "",
     from_hz: Annotated[float, FROM_HZ] = 2.0,
-    to_hz: Annotated[float, TO_HZ] = 40.0,
+    to_hz: Annotated[float | None, TO_HZ] = None,
     method: Annotated[str, METHOD] = "auto",
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -57,8 +60,9 @@ def plan(
     for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
-    shape = (motion, from_hz, to_hz) if motion else None
-    analysis, found = planned(study, method, count, duration_s, limits, shape)
+    shape = (motion, from_hz, _MOTION_TO_HZ if to_hz is None else to_hz) if motion else None
+    highest_hz = np.inf if to_hz is None else to_hz
+    analysis, found = planned(study, method, count, duration_s, limits, shape, highest_hz=highest_hz)
     warn_if_unusable(analysis)
     if shape:
         _print_motion(analysis, found, as_json)
@@ -102,15 +106,17 @@ def planned(
     limits: Sequence[str],
     shape: tuple[str, float, float] | None,
     *,
+    highest_hz: float = np.inf,
     usable: bool = False,
 ) -> tuple[Analysis, Any]:
     """Read a study, fit it, and plan sines (Suggestion) or another motion (PlannedMotion).
 
-    ``limits`` are the texts of position, velocity and torque; ``shape`` kind and band of the motion.
-    With ``usable``, an answer that is not usable is refused.
+    ``limits`` are the texts of position, velocity and torque; ``shape`` kind and band of the motion,
+    ``highest_hz`` the highest frequency of sines. With ``usable``, an answer that is not usable is
+    refused.
     """
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
-    from jointid.uncertainty.plan import suggest_records
+    from jointid.uncertainty.plan import highest_logged_hz, suggest_records
 
     position, velocity, torque = (numbers(text) if text else None for text in limits)
     known = load_named(path)
@@ -125,6 +131,7 @@ def planned(
         if usable:
             analysis.require_usable()
         if shape is None:
+            highest_hz = min(highest_hz, highest_logged_hz(known.records, analysis.phasors))
             return analysis, suggest_records(
                 analysis.phasors,
                 known.inertias,
@@ -133,7 +140,7 @@ def planned(
                 duration_s=duration_s,
                 torque_limit_Nm=torque,
                 velocity_limit_rad_s=velocity,
-                highest_hz=0.25 / max(record.interval_s for record in known.records),
+                highest_hz=highest_hz,
             )
         motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
         options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}
@@ -235,7 +242,7 @@ def setpoints(
     motion: Annotated[str, MOTION] = "",
     position_limit: Annotated[str, POSITION_LIMIT] = "",
     from_hz: Annotated[float, FROM_HZ] = 2.0,
-    to_hz: Annotated[float, TO_HZ] = 40.0,
+    to_hz: Annotated[float | None, TO_HZ] = None,
     method: Annotated[str, METHOD] = "auto",
     overwrite: Annotated[bool, OVERWRITE] = False,
     as_json: Annotated[bool, JSON] = False,
@@ -245,7 +252,7 @@ def setpoints(
     Two simulated robots run the set points first; if a limit is exceeded, no file is written. NUMBERS:
     one value for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
-    from jointid.setpoints.files import set_points
+    from jointid.setpoints.files import highest_hz, set_points
     from jointid.setpoints.from_plan import planned_experiment
     from jointid.setpoints.limit_check import check_table
     from jointid.setpoints.robot_limits import limits_from_toml
@@ -259,8 +266,13 @@ def setpoints(
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit
-    shape = (motion, from_hz, to_hz) if motion else None
-    analysis, found = planned(study, method, count, duration_s, texts, shape, usable=True)
+    most_hz = highest_hz(file_format, interval_ms)
+    shape = (
+        (motion, from_hz, min(_MOTION_TO_HZ, most_hz) if to_hz is None else to_hz) if motion else None
+    )
+    most_hz = min(most_hz, np.inf if to_hz is None else to_hz)
+    given = study, method, count, duration_s, texts, shape
+    analysis, found = planned(*given, highest_hz=most_hz, usable=True)
     robot.require_gears_of(analysis.study)
     fit, pose = analysis.fit, analysis.study.records[0].pose or ""
     robot, inertia = robot.on_robot(analysis.study, pose, fit.inertias[0])

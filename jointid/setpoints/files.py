@@ -29,10 +29,8 @@ def set_points(
     for the head of the file. Raises JointIdError when the format does not exist or does not fit the
     robot or the frequencies.
     """
-    if file_format not in FORMATS:
-        raise JointIdError(f'Format "{file_format}": expected one of {", ".join(FORMATS)}.')
-    chosen, experiment, start = FORMATS[file_format], simulated.experiment, robot.start_deg
-    interval = float(interval_ms or (*chosen.intervals_ms, 1.0)[0])
+    chosen, interval = _format(file_format, interval_ms)
+    experiment, start = simulated.experiment, robot.start_deg
     _require_possible(chosen, interval, robot, simulated)
     step = 1e-3 * interval
     time = np.arange(np.ceil(experiment.duration_s / step - 1e-9) + 1) * step
@@ -53,18 +51,38 @@ def set_points(
     return SetPoints(chosen, interval, values, motion, robot, simulated, rows, study)
 
 
+def highest_hz(file_format: str, interval_ms: float | None = None) -> float:
+    """Highest frequency of a motion in a format, Hz.
+
+    Raises JointIdError when the format or the interval does not exist.
+    """
+    return 1e3 / (_FEWEST_PER_PERIOD * _format(file_format, interval_ms)[1])
+
+
+def _format(name: str, interval_ms: float | None) -> tuple[Format, float]:
+    """A format and its interval, ms."""
+    if name not in FORMATS:
+        raise JointIdError(f'Format "{name}": expected one of {", ".join(FORMATS)}.')
+    chosen = FORMATS[name]
+    possible = chosen.intervals_ms
+    interval = float(interval_ms or (*possible, 1.0)[0])
+    if interval not in (possible or (interval,)) or not 0.05 <= interval <= 100:
+        names = enumerated([f"{value:g}" for value in sorted(possible)]) if possible else "0.05 to 100"
+        raise JointIdError(f"{chosen.title}: {interval:g} ms; possible intervals: {names} ms.")
+    return chosen, interval
+
+
 def _require_possible(
     chosen: Format, interval_ms: float, robot: RobotLimits, simulated: SimulatedExperiment
 ) -> None:
-    possible, axes, n = chosen.intervals_ms, robot.start_deg.size, simulated.coulomb_Nm.size
-    highest, most = simulated.experiment.highest_hz, 1e3 / (_FEWEST_PER_PERIOD * interval_ms)
-    if interval_ms not in (possible or (interval_ms,)) or not 0.05 <= interval_ms <= 100:
-        names = enumerated([f"{value:g}" for value in sorted(possible)]) if possible else "0.05 to 100"
-        raise JointIdError(f"{chosen.title}: {interval_ms:g} ms; possible intervals: {names} ms.")
+    axes, n = robot.start_deg.size, simulated.coulomb_Nm.size
+    highest, most = simulated.experiment.highest_hz, highest_hz(chosen.name, interval_ms)
     if highest > most * (1 + 1e-9):
+        allowed = np.floor(100 * most + 1e-9) / 100  # rounded up, it would be refused as well
+        shorter = min(chosen.intervals_ms, default=0.0) < interval_ms
         raise JointIdError(
             f"{significant(highest)} Hz has fewer than {_FEWEST_PER_PERIOD} set points per period at "
-            f"{interval_ms:g} ms: plan up to {significant(most)} Hz, or shorten the interval."
+            f"{interval_ms:g} ms: plan up to {allowed:.2f} Hz{', or shorten the interval' * shorter}."
         )
     if robot.gear_ratio.size != n:
         limits = counted(robot.gear_ratio.size, "joint")

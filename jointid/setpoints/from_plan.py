@@ -93,7 +93,8 @@ def _sines(plan: PlannedRecords, *_: object) -> Iterator[Run]:
 
 def _multisines(plan: PlannedRecords, *_: object) -> Iterator[Run]:
     length = max(float(plan.duration_s.max()), _FEWEST_PERIODS / float(plan.frequency_hz.min()))
-    rank = np.rint(plan.frequency_hz * length).astype(int)
+    lines = plan.frequency_hz * length
+    rank = np.minimum(np.rint(lines), np.floor(lines.max() + 1e-9)).astype(int)
     groups: list[list[int]] = []
     for k in np.argsort(plan.frequency_hz, kind="stable").tolist():
         apart = (g for g in groups if rank[k] - rank[g[-1]] >= _LINE_SPACING)

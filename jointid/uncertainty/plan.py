@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jointid.arrays import Complexes, Floats, per_joint, whole_number
+from jointid.arrays import Complexes, Floats, bounded_number, per_joint, whole_number
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.joints import Inertia, dynamic_arm_inertia, resonances
 from jointid.phasors.extract import Phasors
+from jointid.records import MotionRecord, SineRecord
 from jointid.uncertainty.chosen_model import identified_friction
 from jointid.uncertainty.information import PlanningModel, planning_model
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
@@ -152,6 +153,12 @@ def suggest_records(
     return Suggestion(records, elasticity_labels(fit.n), np.array(path))
 
 
+def highest_logged_hz(records: Sequence[SineRecord | MotionRecord], phasors: Phasors) -> float:
+    """Highest frequency for logs of the same rate, Hz: a quarter of the rate, or that of the records."""
+    quarter = 0.25 / max(record.interval_s for record in records)
+    return max(quarter, float(phasors.omega.max()) / (2 * np.pi))
+
+
 def _best_trial(errors: Floats, information: Floats) -> int:
     """Index of the record after which the largest error is smallest; errors (trials, 2n).
 
@@ -184,10 +191,13 @@ def _candidate_frequencies(
     band = phasors.omega / (2 * np.pi)
     modes = resonances(inertia, fit.elasticity)
     lowest = max(_LOWEST * float(band.min()), 1.001 / duration_s if duration_s > 0 else 0.0)
-    highest = _HIGHEST * float(band.max()) if highest_hz is None else float(highest_hz)
+    highest = _HIGHEST * float(band.max())
+    if highest_hz is not None:
+        highest = bounded_number("highest_hz", "Hz", highest_hz)
     low, high = min(band.min(), 0.3 * modes[0]), max(band.max(), 1.3 * modes[-1])
-    low, high = max(low, lowest), min(high, max(highest, float(band.max())))
-    return np.asarray(np.geomspace(low, max(low, high), _CANDIDATE_FREQUENCIES))
+    high = max(min(high, highest), lowest)  # a record holds a period
+    low = min(max(low, lowest), high)
+    return np.asarray(np.geomspace(low, high, _CANDIDATE_FREQUENCIES))
 
 
 def _candidates(

@@ -16,7 +16,7 @@ from jointid.ui.shared.entries import applied, choose_from, enter_number, enter_
 from jointid.ui.shared.messages import show_text_table
 from jointid.ui.shared.page import Page
 from jointid.ui.shared.results import computed_on_click, run_in_background
-from jointid.uncertainty.plan import Suggestion, suggest_records
+from jointid.uncertainty.plan import Suggestion, highest_logged_hz, suggest_records
 from jointid.uncertainty.planned_records import phase_deg, phasor_text
 from jointid.uncertainty.validation import second_amplitude
 from jointid.wording import counted, percent, significant, three_digits
@@ -38,6 +38,7 @@ class PlanSettings:
     """Largest torque amplitude of each joint, friction included."""
     velocity_rad_s: tuple[float, ...]
     """Largest velocity amplitude of each joint, of motor and arm, seen from the motor."""
+    highest_hz: float
     pose: str = ""
 
 
@@ -48,9 +49,14 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
-    one, two, three, four = st.columns(4)
+    one, two, five = st.columns(3)
+    three, four = st.columns(2)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
     seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
+    most_hz = highest_logged_hz(study.records, analysis.phasors)
+    hint = "Default: a quarter of the sample rate. Set points at 4 ms allow 50 Hz, at 8 ms 25 Hz."
+    name = "Highest frequency"
+    highest = enter_text(five, f"plan_highest_{digest[:12]}", f"{name} (Hz)", f"{most_hz:.6g}", hint)
     label, of = "Torque amplitudes up to (N·m)", "at the motors, friction included"
     torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
@@ -64,16 +70,19 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
         used = {record.pose or "" for record in study.records}
         poses = [*(("",) if "" in used else ()), *study.poses]
         pose = choose_from(st.container(), "plan_pose", "Pose", poses, lambda p: p or NO_POSE)
-    entered = (count, seconds, torques, velocities, pose)
+    entered = (count, seconds, highest, torques, velocities, pose)
     entered = applied("Suggest", f"plan {digest}", entered, at_first=True) or entered
-    count, seconds, torques, velocities, pose = entered
+    count, seconds, highest, torques, velocities, pose = entered
+    (highest_hz,) = numbers_in(name, highest, count=1)
     limits = (
         numbers_in("Torque amplitudes", torques, count=n),
         numbers_in("Velocity amplitudes", velocities, count=n),
     )
     if min(*limits[0], *limits[1]) <= 0 or not np.isfinite(limits).all():
         raise JointIdError("The amplitudes of torque and velocity must be positive numbers.")
-    return PlanSettings(int(count), float(seconds), *limits, pose=pose)
+    if not 0 < highest_hz < np.inf:
+        raise JointIdError(f"{name}: {highest} Hz, expected a positive number.")
+    return PlanSettings(int(count), float(seconds), *limits, min(highest_hz, most_hz), pose)
 
 
 def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of: str) -> str:
@@ -104,7 +113,6 @@ def pose_inertia(analysis: Analysis, pose: str) -> Inertia:
 
 def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Suggestion | None:
     """Choose the records that reduce the worst error bar most; None after an error or a stop."""
-    interval_s = max(record.interval_s for record in analysis.study.records)
     return computed_on_click(
         ("plan", page.digest, page.method, settings),
         "Search for the records",
@@ -118,7 +126,7 @@ def suggestion(page: Page, settings: PlanSettings, analysis: Analysis) -> Sugges
             duration_s=settings.seconds,
             torque_limit_Nm=settings.torque_Nm,
             velocity_limit_rad_s=settings.velocity_rad_s,
-            highest_hz=0.25 / interval_s,
+            highest_hz=settings.highest_hz,
             planned_inertia=pose_inertia(analysis, settings.pose),
             progress=lambda done: show(done, "Comparing records at every frequency and phase"),
         ),
