@@ -102,7 +102,8 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
     if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
         return True
     # Richer friction first: other parts absorb some of it.
-    return leading.reversal != best.reversal and wider.reversal == best.reversal
+    plain = best.reversal, best.curve
+    return (leading.reversal, leading.curve) != plain == (wider.reversal, wider.curve)
 
 
 def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
