@@ -51,8 +51,19 @@ the data, as beside a law of the gears: a fit takes seconds."""
 
 
 def grown(search: Search, best: Model) -> Model:
-    """The best of a model and those with one more part, pruned."""
-    fits, extensions = search.fits, _extensions(search, best)
+    """The best of a model and those with richer friction, else with one more part, pruned.
+
+    Richer friction first: other parts absorb some of it.
+    """
+    for extensions in (_richer_friction, _extensions):
+        better = _best_extension(search, best, extensions(search, best))
+        if better != best:
+            return better
+    return best
+
+
+def _best_extension(search: Search, best: Model, extensions: list[Model]) -> Model:
+    fits = search.fits
     before = [each for each in extensions if each in fits.tried and not search.is_open(each)]
     found = [best, *before]
     for wider in sorted(filter(search.is_open, extensions), key=lambda each: _order(search, each, best)):
@@ -99,11 +110,7 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
         return True
     if fits.is_explained(leading) and (wider.is_slow or wider.parts == leading.parts):
         return True  # the score decides on a slow part
-    if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
-        return True
-    # Richer friction first: other parts absorb some of it.
-    plain = best.reversal, best.curve
-    return (leading.reversal, leading.curve) != plain == (wider.reversal, wider.curve)
+    return search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best)
 
 
 def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
@@ -132,6 +139,19 @@ def _fit_wider(search: Search, wider: Model, narrow: Model) -> None:
             search.fit(wider, start)
 
 
+def _richer_friction(search: Search, model: Model) -> list[Model]:
+    """The model with richer friction where that may explain more."""
+    found = search.fits.estimate(model)
+    if found is None or model.reversal is None:
+        return []
+    if search.may_be_richer(found):
+        richer = _RICHER.get((model.reversal, model.curve), ())
+        return [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+    if search.has_motions and _friction_varies_with_speed(search, model, found):
+        return [replace(model, curve=True)]
+    return []
+
+
 def _extensions(search: Search, model: Model) -> list[Model]:
     """Models with one more part that may lower the cost significantly."""
     fits, found = search.fits, search.fits.estimate(model)
@@ -156,12 +176,6 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
         wider += [bare.with_part(part) for part in instead if part not in LAWS]
-    sharper: list[Model] = []
-    if model.reversal is not None and may_be_richer:
-        richer = _RICHER.get((model.reversal, model.curve), ())
-        sharper = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
-    elif search.has_motions and _friction_varies_with_speed(search, model, found):
-        wider = [replace(model, curve=True), *wider]
     if "piecewise" in model.effects and not search.has_motions:
         # They may have taken the place of a cubic law before the model was complete.
         plain = model.replacing("piecewise", "cubic")
@@ -180,7 +194,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         instead_of_cubic = [plain.with_part(law) for law in others]
         later = other_part_leads(search, model) and not search.has_motions
         wider = [*wider, *instead_of_cubic] if later else [*instead_of_cubic, *wider]
-    return [*sharper, *wider]
+    return wider
 
 
 def other_part_leads(search: Search, model: Model) -> bool:
