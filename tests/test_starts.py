@@ -11,14 +11,14 @@ import pytest
 from plants import BAND_HZ, ROBOTS, campaign, circular, exact_phasors, noisy, plant_phasors
 
 from jointid import Elasticity, Inertia, JointIdError
-from jointid.estimation import model_fits
+from jointid.estimation import model_fits, model_growth
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.linear_fit import _least_squares, without_inertias
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.problem import Problem
-from jointid.estimation.model_growth import _is_passed_over
+from jointid.estimation.model_growth import _is_passed_over, grown
 from jointid.estimation.model_selection import _given_up
 from jointid.estimation.regression_start import regressed, regression_start
 from jointid.estimation.start_values import (
@@ -357,6 +357,19 @@ def test_fits_that_others_make_superfluous_are_passed_over(
     )
     search: Any = SimpleNamespace(fits=fits, has_motions=motions)
     assert _is_passed_over(search, wider, LINEAR, leading) == passed
+
+
+def test_richer_friction_is_fitted_before_other_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They absorb some of it, and their scores are not needed where it explains more."""
+
+    def unneeded(*_: Any) -> None:
+        raise AssertionError("other parts are not looked for")
+
+    monkeypatch.setattr(model_growth, "_extensions", unneeded)
+    monkeypatch.setattr(model_growth, "_best_extension", lambda _search, _best, found: found[0])
+    fits = SimpleNamespace(estimate=lambda _: SimpleNamespace())
+    search: Any = SimpleNamespace(fits=fits, may_be_richer=lambda _: True)
+    assert grown(search, RUBBING) == replace(RUBBING, reversal=0.03)
 
 
 def test_inertias_do_not_follow_from_records_under_gravity_or_of_several_poses() -> None:

@@ -110,7 +110,10 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
         return True
     if fits.is_explained(leading) and (wider.is_slow or wider.parts == leading.parts):
         return True  # the score decides on a slow part
-    return search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best)
+    if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
+        return True
+    # Richer friction, or none, is ahead: parts beside the former friction absorbed some of its residual.
+    return leading.reversal != best.reversal and wider.reversal == best.reversal
 
 
 def _is_kept(search: Search, wider: Model, narrow: Model) -> bool:
@@ -144,12 +147,8 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None or model.reversal is None:
         return []
-    if search.may_be_richer(found):
-        richer = _RICHER.get((model.reversal, model.curve), ())
-        return [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
-    if search.has_motions and _friction_varies_with_speed(search, model, found):
-        return [replace(model, curve=True)]
-    return []
+    richer = _RICHER.get((model.reversal, model.curve), ()) if search.may_be_richer(found) else ()
+    return [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:
@@ -176,6 +175,8 @@ def _extensions(search: Search, model: Model) -> list[Model]:
         bare = replace(model, effects=tuple(e for e in model.effects if e not in GEAR_LAWS))
         instead = (part for part in clear if scored[part].gain > NEARLY_ALL * found.cost)
         wider += [bare.with_part(part) for part in instead if part not in LAWS]
+    if search.has_motions and not may_be_richer and _friction_varies_with_speed(search, model, found):
+        wider = [replace(model, curve=True), *wider]
     if "piecewise" in model.effects and not search.has_motions:
         # They may have taken the place of a cubic law before the model was complete.
         plain = model.replacing("piecewise", "cubic")
