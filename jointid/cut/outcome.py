@@ -32,8 +32,8 @@ TYPICAL_SERVO = Servo(
 ZONES_M = (0.001, 0.005, 0.010)
 """Corner zones of the three shapes of Figure 7; the paper does not state their values."""
 _STEPS_S = 5e-4, 2.5e-4
-"""Step of the simulation, and that for arms with fast modes, s; both change the largest path error by
-less than 1 µm (0.5 and 0.3 µm with the robots of the samples, against a step of 0.025 ms)."""
+"""Step of the simulation, and that for arms with fast modes, s. A tenth of it changes the largest path
+error by less than 1 µm."""
 _LONG_STEP_PHASE = 0.25
 """Largest ω dt with the first of the steps."""
 _ALIKE = 0.1

@@ -41,8 +41,8 @@ _OTHERS_LEFT = 0.2
 """The same without any other record, smallest: one record is wrong, not a part of the band."""
 
 _HIDDEN, _LARGE = 0.5, 6.0
-"""Misfit without a record over that with it, squared residual over the median: one of them shows an
-outlier of a searched model (in 150 studies below 0.41 or above 12; else 0.77 and 4.7 at most)."""
+"""Misfit without a record over that with it, squared residual over the median: outliers of a searched
+model had less than 0.41 or more than 12; records that are all wrong more than 0.77 and less than 5."""
 _FEWEST = 4
 """Fewest other records, so that they can contradict each other as well."""
 
