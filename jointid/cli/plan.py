@@ -60,11 +60,10 @@ def plan(
     for all joints, or one per joint, separated by commas: 2.5,2.8.
     """
     limits = position_limit, velocity_limit, torque_limit
-    shape = (motion, from_hz, _MOTION_TO_HZ if to_hz is None else to_hz) if motion else None
-    highest_hz = np.inf if to_hz is None else to_hz
-    analysis, found = planned(study, method, count, duration_s, limits, shape, highest_hz=highest_hz)
+    band = from_hz, to_hz
+    analysis, found = planned(study, method, count, duration_s, limits, motion, band)
     warn_if_unusable(analysis)
-    if shape:
+    if motion:
         _print_motion(analysis, found, as_json)
         return
     from jointid.uncertainty.validation import second_amplitude
@@ -104,23 +103,24 @@ def planned(
     count: int,
     duration_s: float,
     limits: Sequence[str],
-    shape: tuple[str, float, float] | None,
+    motion: str,
+    band_hz: tuple[float, float | None],
     *,
-    highest_hz: float = np.inf,
+    most_hz: float = np.inf,
     usable: bool = False,
 ) -> tuple[Analysis, Any]:
     """Read a study, fit it, and plan sines (Suggestion) or another motion (PlannedMotion).
 
-    ``limits`` are the texts of position, velocity and torque; ``shape`` kind and band of the motion,
-    ``highest_hz`` the highest frequency of sines. With ``usable``, an answer that is not usable is
-    refused.
+    ``limits`` are the texts of position, velocity and torque; ``motion`` is the kind of motion, empty
+    for sines. ``band_hz`` is its band, the upper end of sines, too: None is the default, at most
+    ``most_hz``. With ``usable``, an answer that is not usable is refused.
     """
     from jointid.uncertainty.motion_plan import MotionLimits, largest_motion, plan_motion
     from jointid.uncertainty.plan import highest_logged_hz, suggest_records
 
     position, velocity, torque = (numbers(text) if text else None for text in limits)
     known = load_named(path)
-    if shape is None and known.motion_records:
+    if not motion and known.motion_records:
         raise JointIdError(
             "Sines can be planned for a study of sine records only, and this one has motion records: "
             "add --motion sweep to plan a motion."
@@ -130,8 +130,9 @@ def planned(
         warn_of_sensors(analysis)
         if usable:
             analysis.require_usable()
-        if shape is None:
-            highest_hz = min(highest_hz, highest_logged_hz(known.records, analysis.phasors))
+        from_hz, to_hz = band_hz
+        if not motion:
+            highest = most_hz if to_hz is None else min(to_hz, most_hz)
             return analysis, suggest_records(
                 analysis.phasors,
                 known.inertias,
@@ -140,9 +141,10 @@ def planned(
                 duration_s=duration_s,
                 torque_limit_Nm=torque,
                 velocity_limit_rad_s=velocity,
-                highest_hz=highest_hz,
+                highest_hz=min(highest, highest_logged_hz(known.records, analysis.phasors)),
             )
-        motion = Motion(*shape, duration_s, odd=shape[0] == "multisine")
+        to_hz = min(_MOTION_TO_HZ, most_hz) if to_hz is None else to_hz
+        shape = Motion(motion, from_hz, to_hz, duration_s, odd=motion == "multisine")
         options = {"--position-limit": position, "--velocity-limit": velocity, "--torque-limit": torque}
         pairs = zip(vars(largest_motion(known.records)).values(), options.items(), strict=True)
         n = known.inertia.n
@@ -151,7 +153,7 @@ def planned(
         )
         interval, inertia = known.records[0].interval_s, known.inertias[0]
         return analysis, plan_motion(
-            analysis.fit, inertia, motion, chosen, interval_s=interval, records=count
+            analysis.fit, inertia, shape, chosen, interval_s=interval, records=count
         )
 
 
@@ -266,13 +268,9 @@ def setpoints(
     require_new_output(output, overwrite, [study, limits])
     robot = limits_from_toml(read_toml(limits), limits.name)
     texts = position_limit, velocity_limit, torque_limit
+    given = study, method, count, duration_s, texts, motion, (from_hz, to_hz)
     most_hz = highest_hz(file_format, interval_ms)
-    shape = (
-        (motion, from_hz, min(_MOTION_TO_HZ, most_hz) if to_hz is None else to_hz) if motion else None
-    )
-    most_hz = min(most_hz, np.inf if to_hz is None else to_hz)
-    given = study, method, count, duration_s, texts, shape
-    analysis, found = planned(*given, highest_hz=most_hz, usable=True)
+    analysis, found = planned(*given, most_hz=most_hz, usable=True)
     robot.require_gears_of(analysis.study)
     fit, pose = analysis.fit, analysis.study.records[0].pose or ""
     robot, inertia = robot.on_robot(analysis.study, pose, fit.inertias[0])

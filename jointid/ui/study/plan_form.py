@@ -49,18 +49,18 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     """
     study, n = analysis.study, analysis.fit.n
     torque, velocity = largest_so_far(analysis)
-    one, two, five = st.columns(3)
-    three, four = st.columns(2)
+    one, two, three = st.columns(3)
+    four, five = st.columns(2)
     count = enter_number(one, "plan_count", "Records", 3, (1, 50))
     seconds = enter_number(two, "plan_seconds", "Length of each (s)", 4.0, (0.1, 600.0))
     most_hz = highest_logged_hz(study.records, analysis.phasors)
     hint = "Default: a quarter of the sample rate. Set points at 4 ms allow 50 Hz, at 8 ms 25 Hz."
     name = "Highest frequency"
-    highest = enter_text(five, f"plan_highest_{digest[:12]}", f"{name} (Hz)", f"{most_hz:.6g}", hint)
+    highest = enter_text(three, f"plan_highest_{digest[:12]}", f"{name} (Hz)", f"{most_hz:.6g}", hint)
     label, of = "Torque amplitudes up to (N·m)", "at the motors, friction included"
-    torques = _ask_limits(three, f"plan_torque_{digest[:12]}", label, torque, of)
+    torques = _ask_limits(four, f"plan_torque_{digest[:12]}", label, torque, of)
     label, of = "Velocity amplitudes up to (rad/s)", "of motor and arm, motor side"
-    velocities = _ask_limits(four, f"plan_velocity_{digest[:12]}", label, velocity, of)
+    velocities = _ask_limits(five, f"plan_velocity_{digest[:12]}", label, velocity, of)
     st.caption(
         "The limits apply to the planned sines, if followed exactly. Ramps and the controller can cause "
         "higher peaks: the tab Set points checks them against the limits of the robot."
