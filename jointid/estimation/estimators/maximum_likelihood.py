@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtrc
@@ -133,9 +134,12 @@ def maximum_likelihood(
         if WhitenedResidual.of(held, p, scale).cost > POOR * problem.rows / 2:
             # Arms that leave their flanks have many local minima.
             p, _ = minimised(held, p, scale, damping=_FAR)
-    p, normal = minimised(problem, p, scale, damping=_NEAR if is_near else _FAR)
+    # The noise of the laws, which follows, changes the optimum a little.
+    has_law_noise = problem.motion is None and not set(GEAR_LAWS).isdisjoint(effects)
+    fit = partial(minimised, roughly=has_law_noise)
+    p, normal = fit(problem, p, scale, damping=_NEAR if is_near else _FAR)
     while (free := with_free_torque(problem, p)) is not problem:
-        near, there = minimised(free, p, scale, damping=_NEAR)
+        near, there = fit(free, p, scale, damping=_NEAR)
         costs = [WhitenedResidual.of(*each, scale).cost for each in ((free, near), (problem, p))]
         if costs[0] < costs[1]:
             problem, p, normal = free, near, there
@@ -151,12 +155,13 @@ def maximum_likelihood(
     slow = not set(GEAR_LAWS).isdisjoint(effects)
     most = LOST if problem.ends is not None else np.inf
     most = _DOUBTFUL if slow else most
-    if np.any(scale > 1) and not first.cost > most * first.expected_cost > 0:
+    is_reweighted = bool(np.any(scale > 1)) or problem.law_noise is not None
+    if is_reweighted and not first.cost > most * first.expected_cost > 0:
         poor = first.cost > POOR * first.expected_cost > 0
         p, normal = minimised(problem, p, scale, damping=_NEAR, roughly=poor)
         if std is not None:
             problem, p = with_gravity(problem, p, scale, prior, std)
-    if np.any(scale > 1):
+    if is_reweighted:
         fitted = WhitenedResidual.of(problem, p, scale)
     q, tau = fitted.compensated()
     harmonics = phasors.harmonics
@@ -181,7 +186,7 @@ def maximum_likelihood(
         if name in problem.layout:  # not determined by a motor that never reverses
             own = np.arange(p.size)[problem.layout[name]]
             covariance[own, own] = np.where(np.diag(normal)[own] > 0, covariance[own, own], 0.0)
-    if np.any(scale > 1):
+    if is_reweighted:
         misfit = Misfit.of(WhitenedResidual.of(problem, p), p, normal)
     by_prior = _prior_part(problem, p, covariance)
     repeated, share = repeated_covariance(fitted, covariance)
