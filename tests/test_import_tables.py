@@ -356,7 +356,7 @@ def test_many_files_a_bad_one_among_them(tmp_path: Path) -> None:
 
 
 def test_missing_files_and_wrong_sources(tmp_path: Path) -> None:
-    with pytest.raises(JointIdError, match="there is no such file"):
+    with pytest.raises(JointIdError, match=r"no such file\. Check the path"):
         read_log(tmp_path / "none.csv")
     with pytest.raises(JointIdError, match=r"without metadata\.yaml"):
         read_log(tmp_path)
