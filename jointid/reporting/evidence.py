@@ -93,7 +93,7 @@ def sensor_blocks(found: ArmSideAnalysis, numbers: Iterator[str]) -> Iterator[Bl
             yield Figure(
                 (deflection_figure(time_s, measured[:, j], fitted[:, j], j),),
                 f"{next(numbers)} Deflection of the gear of joint {j + 1}, {which}."
-                + " K is refused." * bool(fit.reasons[j]),
+                + " K is not determined." * bool(fit.reasons[j]),
             )
 
 
