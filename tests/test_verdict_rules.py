@@ -1592,7 +1592,7 @@ def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch
     fine = {"standard_error": 1e-3 * two_joints().estimate}
     (found,) = against(monkeypatch, 0.01, **fine)
     assert found.title == "Noise biases the paper's least squares: it gives K2 1.0 % too high"
-    assert found.detail.endswith("also gives K1 0.50 % too high.")
+    assert found.detail.endswith("least squares also gives K1 0.50 % too high.")
     assert found.weight == pytest.approx(0.01)
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)

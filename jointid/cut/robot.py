@@ -176,7 +176,7 @@ def reason_unusable(analysis: Analysis) -> str:
     return (
         f"{enumerated(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
         f"error: {names[0]} = {first}, an error bar of more than "
-        "a third of the value. Add records near the resonances, or follow the verdict."
+        "a third of the value. Add records near the resonances, or follow the findings."
     )
 
 

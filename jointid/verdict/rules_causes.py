@@ -87,7 +87,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     ]
     also = "Both fits use the same inertias."
     if others:
-        also = f"With the same inertias, it also gives {enumerated(others)}."
+        also = f"With the same inertias, least squares also gives {enumerated(others)}."
     yield note(
         f"{title}: {paper_fit} gives {names[worst]} {percent(share[worst])} too {high}",
         f"{cause}{also}",

@@ -114,7 +114,7 @@ def _joint(
     if behind is not None and _move_alike(pair[0], behind):
         sides["position"] = JOINT, True, f'It moves like "{behind.name}", which is behind the gear.'
     elif behind is None and like and not sides["position"][1]:
-        sides["position"] = JOINT, False, f"As for joint {like}, which moves like its arm-side position."
+        sides["position"] = JOINT, False, f"As for joint {like}, which is logged behind its gear."
     position, torque = (
         _channel(role, number, column, guess_unit(role, column, degrees), side, reasons)
         for (role, side), column in zip(sides.items(), pair, strict=True)

@@ -53,8 +53,8 @@ def show_quality(page: Page) -> None:
             "from friction or a nonlinear gear.\n"
             "- **Settling**: relative difference of the sine between the first quarter "
             "and the second half. Findings name the records that have not settled.\n"
-            "- **Found**, where it is not the stated frequency: that of the motor's motion.\n"
-            "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
+            "- **Found**, shown where it differs from the stated frequency: that of the motion.\n"
+            "- **Jitter**, shown if not zero: largest deviation of a sample time from a uniform grid."
         )
 
 

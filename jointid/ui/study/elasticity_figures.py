@@ -252,7 +252,7 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         return
     st.write(
         "K and D do not depend on the pose. A difference indicates a wrong M2 of one pose or a "
-        "hardening gear. Distance: of the poses from their mean, in standard errors; about 1 when they "
+        "hardening gear. Distance of the poses from their mean: in standard errors; about 1 when they "
         "agree."
     )
     columns: dict[str, list[str]] = {"Pose": [*(name or NO_POSE for name in fits.names), "Distance"]}
