@@ -147,8 +147,8 @@ app = _Program(
     cls=_Commands,
     help="Identify stiffness K and damping D of elastic robot joints and simulate their effect on the "
     "path.\n\nValues are at the motor unless stated otherwise. Exit codes: 0 done; 1 the input or a "
-    'value is unusable; 2 the command line, or a value in it, is wrong; 130 interrupted. "The paper" '
-    "is Identification of Joint Elasticity of Industrial Robots.",
+    'value is unusable; 2 wrong usage; 130 interrupted. "The paper" is '
+    "Identification of Joint Elasticity of Industrial Robots.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
