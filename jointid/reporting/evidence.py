@@ -104,7 +104,7 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "Torque through each gear over its deflection, from motor data alone. The blue line is the "
         "fitted elastic law; damping and hysteresis open the measured loops, which are coloured from "
         "violet at the lowest frequency to yellow at the highest and drawn with ± two standard errors. "
-        f"The mean deflection of a record is not observable and set to 0. {without_curve(fit)}"
+        f"The mean deflection of a record is not observable and is set to 0. {without_curve(fit)}"
     )
     for joints, width in _pairs(fit.n):
         terms = [f" {gear_text(fit, j, analysis.unit)}." for j in joints]
