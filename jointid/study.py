@@ -193,7 +193,7 @@ class Study:
         """Refuse another number of joints than that of the inertia."""
         if joints is not None and joints.n != self.inertia.n:
             raise JointIdError(
-                f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
+                f"{what} has {counted(joints.n, 'joint')}, but the study's inertia has {self.inertia.n}."
             )
 
     def _check_remarks(self) -> None:

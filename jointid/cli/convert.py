@@ -225,7 +225,7 @@ def robot_of(robot: Any, model: Any, angles_deg: Sequence[float], logs: Sequence
     angles = np.deg2rad(angles_deg)
     if not angles.size:
         if logs[0].n != model.n:
-            found = f"{counted(model.n, 'joint')}, the logs have {logs[0].n}"
+            found = f"{counted(model.n, 'joint')}, but the logs have {logs[0].n}"
             raise JointIdError(f"{model.source[0]} has {found}: they must agree.")
         angles = np.mean(np.concatenate([log.theta_rad for log in logs]), axis=0) @ model.coupling.T
     return KnownRobot(model.inertia(angles), robot_model=model, pose_angles_rad={"": angles})

@@ -284,5 +284,8 @@ def remaining_error_text(
         wrong = (
             "the missing compensation cancels" if outcome.assumed is None else "the error of K cancels"
         )
-        text += f" The smaller error before is a coincidence: {wrong} part of the remaining error."
+        text += (
+            f" The smaller error before identification is a coincidence: {wrong} part of the remaining "
+            "error."
+        )
     return text

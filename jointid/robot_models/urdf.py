@@ -128,7 +128,7 @@ def _require_spelling(file: str, root: Element) -> None:
     if root.find("gravity") is not None:
         raise xml_error(
             file,
-            "<gravity> is not part of URDF: its robots have 9.81 m/s² along -z. Use MJCF or TOML.",
+            "<gravity> is not part of URDF: its gravity is always 9.81 m/s² along -z. Use MJCF or TOML.",
         )
     for part in [*root.findall("link"), *root.findall("joint")]:
         if inner := [*part.findall("link"), *part.findall("joint")]:
