@@ -512,7 +512,7 @@ def test_cells_that_are_no_time_are_missing() -> None:
 
 def test_a_time_that_is_not_read_is_named() -> None:
     table = text("Zeit;q;tau\n" + "".join(f"Mo {k}h;{k}.5;{k}.25\n" for k in range(20)))
-    assert any('"Zeit" is named as time' in note for note in table.notes)
+    assert any('name of "Zeit" indicates time, but it holds' in note for note in table.notes)
 
 
 def test_time_of_a_group_above_belongs_to_the_groups_below(tmp_path: Path) -> None:

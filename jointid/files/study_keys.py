@@ -44,7 +44,7 @@ TIMING_KEYS = {"torque_hold": "torque_hold = true", "torque_delay_s": "torque_de
 RECORD_KEYS = {
     "file": 'file = "records/01.csv"',
     "frequency_hz": "frequency_hz = 3.0  # a sine; without it, the record is any other motion",
-    "band_hz": "band_hz = [2.5, 38.0]  # frequencies to use of a motion",
+    "band_hz": "band_hz = [2.5, 38.0]  # frequencies of a motion to use",
     "start_s": "start_s = 2.0",
     "pose": 'pose = "stretched"',
     "label": 'label = "axis 1 leads"',

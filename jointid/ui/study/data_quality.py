@@ -96,7 +96,7 @@ def show_distortion(record: JointRecord) -> None:
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
         "excitation over that of excited ones. Odd lines above the noise show friction, a hardening "
-        "gear or backlash, even ones friction that depends on the direction, or a one-sided load."
+        "gear or backlash; even ones show friction that depends on the direction, or a one-sided load."
     )
 
 
