@@ -122,7 +122,7 @@ def _joint(
     arm = None
     if behind is not None:
         arm = Channel(behind.name, guess_unit("position", behind)[0], None, JOINT)
-        why = f'The name of "{behind.name}" says that it is behind the gear.'
+        why = f'The name of "{behind.name}" indicates a sensor behind the gear.'
         reasons.append(Reason(f"{ARM} of joint {number}", why))
     joint = JointMapping(position, torque, arm=arm)
     reasons += _drive_reasons(number, joint)
