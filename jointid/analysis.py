@@ -125,7 +125,7 @@ class ArmSideAnalysis(Answer):
     fit: ArmSideFit
     left_out_rad: Floats
     """Root mean square error of the deflection predicted for a record left out of the fit, shape (n,);
-    NaN where K is refused or there is one record only."""
+    NaN where K is undetermined or there is one record only."""
     motors: Analysis | None = None
     """Answer of the motors, where it is not usable; None where they give none."""
     error_bars: ClassVar[str] = (
@@ -152,12 +152,12 @@ class ArmSideAnalysis(Answer):
 
     @property
     def table(self) -> dict[str, list[str]]:
-        """K, skew and the reason for a refusal of every joint, as text."""
+        """K, skew and the reason if undetermined, of every joint, as text."""
         return self.fit.table_in(*self._unit_of_K)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """K1 ... Kn with their standard errors, infinite where refused, in ``unit``."""
+        """K1 ... Kn with their standard errors, infinite where undetermined, in ``unit``."""
         unit, factor = self._unit_of_K
         errors = np.where(np.isfinite(self.fit.K), self.fit.standard_error, np.inf).tolist()
         return tuple(

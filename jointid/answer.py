@@ -281,7 +281,7 @@ def _stiffnesses(known: Sequence[Quantity], nominal: Floats | None, side: str, *
         first, *others = (
             f"of joint {j} is {' '.join(shown)}" for j, shown in zip(numbers, found, strict=True)
         )
-        return f"The stiffness {first}{''.join(f', that {other}' for other in others)}, {side}"
+        return f"The stiffness {first}{''.join(f', and that {other}' for other in others)}, {side}"
     differences = {
         j: _difference(q, float(nominal[q.place])) for j, q in zip(numbers, known, strict=True)
     }

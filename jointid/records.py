@@ -174,7 +174,7 @@ class MotionRecord(JointRecord):
         super().__post_init__()
         if self.samples < _FEWEST:
             raise JointIdError(
-                f"A motion record needs at least {_FEWEST} samples, this one has {self.samples}: "
+                f"A motion record needs at least {_FEWEST} samples; this one has {self.samples}: "
                 "record longer, or correct start_s."
             )
         set_fields(self, arm_rad=self._checked_arm(), band_hz=self._checked_band())

@@ -193,7 +193,7 @@ class Study:
         """Refuse another number of joints than that of the inertia."""
         if joints is not None and joints.n != self.inertia.n:
             raise JointIdError(
-                f"{what} has {counted(joints.n, 'joint')}, the study's inertia has {self.inertia.n}."
+                f"{what} has {counted(joints.n, 'joint')}, but the study's inertia has {self.inertia.n}."
             )
 
     def _check_remarks(self) -> None:
@@ -277,7 +277,7 @@ def _require_date(date: object) -> None:
         raise JointIdError(f"date = {date!r:.60}: expected a datetime.date or datetime.datetime.")
     offset = date.utcoffset() if isinstance(date, datetime.datetime) else None
     if offset is not None and offset % datetime.timedelta(minutes=1):
-        raise JointIdError(f"date = {date}: its offset from UTC must be of whole minutes.")
+        raise JointIdError(f"date = {date}: its offset from UTC must be in whole minutes.")
 
 
 def motions_by_pose(

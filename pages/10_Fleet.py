@@ -17,7 +17,7 @@ start(
 fleet = open_fleet()
 rows = list(fleet.rows.values())
 if not rows:
-    st.caption("Thousands of studies are analysed from the command line, on this computer or a cluster:")
+    st.caption("To analyse thousands of studies, use the command line, on this computer or a cluster:")
     st.code("jointid batch cells/ --output results.parquet", language="bash", wrap_lines=True)
     show_samples_button()
     st.stop()

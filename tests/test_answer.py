@@ -108,8 +108,8 @@ def test_a_difference_within_the_uncertainty_is_not_reported() -> None:
 
 def test_without_a_nominal_stiffness() -> None:
     assert sentence(fit([43.0, 7.5])) == (
-        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, that of joint 2 is 7.500 ± 0.010 N·m/rad, "
-        "seen from the motor."
+        "The stiffness of joint 1 is 43.000 ± 0.010 N·m/rad, and that of joint 2 is 7.500 ± 0.010 "
+        "N·m/rad, seen from the motor."
     )
 
 

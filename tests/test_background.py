@@ -114,7 +114,7 @@ def test_an_analysis_from_another_process_is_identical(ready: Pool, study: Study
 def test_errors_and_progress_are_returned_from_the_process(ready: Pool, study: Study) -> None:
     with pytest.raises(JointIdError, match="needs a Study"):
         ready.call(analyse, "no study")
-    with pytest.raises(TypeError, match="gave lock, which cannot be sent"):
+    with pytest.raises(TypeError, match="returned lock, which cannot be sent"):
         ready.call(Lock)
     analysis, seen = analyse(study), list[float]()
     given = (analysis.phasors, study.inertias, analysis.fit)

@@ -152,7 +152,7 @@ def test_the_samples_are_listed(here: Path) -> None:
 
 
 def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
-    assert "nothing is there" in refused(1, "identify", here / "none.zip")
+    assert "no such file or folder" in refused(1, "identify", here / "none.zip")
     (here / "broken.zip").write_bytes(study.read_bytes()[:1000])
     message = refused(1, "identify", here / "broken.zip")
     assert message.startswith("Error: ")
@@ -161,7 +161,7 @@ def test_bad_input_is_code_1_with_one_message(here: Path, study: Path) -> None:
 
 def test_a_batch_with_a_missing_study_is_refused(here: Path, study: Path) -> None:
     said = refused(1, "batch", study, here / "none.zip", "-o", "r.parquet")
-    assert said == f"Error: {here / 'none.zip'}: nothing is there. Check the path.\n"
+    assert said == f"Error: {here / 'none.zip'}: no such file or folder. Check the path.\n"
     assert not [*here.glob("r.parquet*")]
 
 
@@ -472,7 +472,7 @@ def log_text(study: Study) -> str:
 
 
 def test_a_missing_file_of_inertias_is_shown_as_it_should_be(here: Path) -> None:
-    with pytest.raises(JointIdError, match=r"robot\.toml: nothing is there") as error:
+    with pytest.raises(JointIdError, match=r"robot\.toml: no such file") as error:
         robot_from(here / "robot.toml")
     (here / "robot.toml").write_text(str(error.value).partition("\n\n")[2], "utf-8")
     robot = robot_from(here / "robot.toml")

@@ -220,7 +220,7 @@ def test_an_empty_batch_is_an_error(tmp_path: Path) -> None:
             find_studies(paths)
     with pytest.raises(JointIdError, match="No study is given"):
         find_studies([])
-    with pytest.raises(JointIdError, match=r"gone\.zip: nothing is there"):
+    with pytest.raises(JointIdError, match=r"gone\.zip: no such file or folder"):
         find_studies([tmp_path / "gone.zip"])
     # What is there gets its row, which says what is wrong.
     (tmp_path / "log.csv").touch()

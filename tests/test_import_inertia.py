@@ -335,7 +335,7 @@ def test_gear_ratios_are_those_of_a_robot_model_given_in_their_step(page: AppTes
         return shown(uploader.set_value((name, data, "")).run())
 
     at = given(at, "six.toml", SIX_AXES.encode())
-    assert "The robot model has 6 joints, step 2 has 2." in [box.value for box in at.error]
+    assert "The robot model has 6 joints, but step 2 has 2." in [box.value for box in at.error]
     at = given(at, "arm.toml", two)
     ratios = widget(at, "text_input", "Gear ratios, one per joint")
     assert [float(N) for N in ratios.value.split(",")] == model.gear_ratio.tolist()

@@ -539,7 +539,7 @@ def test_a_constant_time_is_named() -> None:
     whole["t"] = np.full(400, 1.77e9)
     guess = guess_mapping(table_of(**whole))
     (reason,) = [r for r in guess.reasons if r.what == "time"]
-    assert '"t" is named as time but does not increase' in reason.text
+    assert 'name of "t" indicates time, but it does not increase' in reason.text
     assert not reason.sure
 
 

@@ -386,7 +386,7 @@ def test_a_common_unknown_of_arms_correlates_their_inertias() -> None:
         (3.0, "expected an Inertia"),
         ({PARALLELOGRAM}, "expected an Inertia"),
         ([PARALLELOGRAM] * 3, "3 inertias for 2 records"),
-        ([PARALLELOGRAM, Inertia([1.0], [[1.0]])], "2 joints, the inertia has 1"),
+        ([PARALLELOGRAM, Inertia([1.0], [[1.0]])], "2 joints, but the inertia has 1"),
     ],
 )
 def test_inertias_are_those_of_the_records_and_joints(given: Any, told: str) -> None:

@@ -155,5 +155,5 @@ def test_json_of_too_many_values_is_refused_before_it_is_parsed(
     assert json_lines.read("log.json", str(log))[0].rows == 50
     monkeypatch.setattr(json_lines, "_MOST_VALUES", 90)
     monkeypatch.setattr(json_lines, "_rows", None)
-    with pytest.raises(JointIdError, match="million values, the limit of JSON"):
+    with pytest.raises(JointIdError, match="million values, the limit for JSON"):
         json_lines.read("log.json", str(log))

@@ -118,7 +118,7 @@ def test_a_delay_turns_the_images_of_the_torque(changed: dict[str, float]) -> No
         told = re.match(r"The torque lags by (\S+) ms", lag.title)
         assert told
         assert float(told[1]) == pytest.approx(1.0, rel=5e-3)
-        assert "Without it, D2 would be about" in lag.detail
+        assert "If it were ignored, D2 would be about" in lag.detail
 
 
 @pytest.mark.parametrize("kind", ["sweep", "random", "multisine", "moves"])

@@ -203,7 +203,7 @@ def test_arm_angles_are_nan_only_in_columns_without_a_sensor() -> None:
         ({"band_hz": 5.0}, "expected a lowest and a highest"),
         ({"band_hz": (8.0, 3.0)}, r"band_hz = \[8, 3\] Hz: expected a lowest"),
         ({"band_hz": (8.0, 500.0)}, "reaches half the sample rate of 1000 Hz"),
-        ({"start_s": 0.99}, "at least 16 samples, this one has 10"),
+        ({"start_s": 0.99}, "at least 16 samples; this one has 10"),
     ],
 )
 def test_unusable_motion_records_are_refused(changes: dict[str, Any], message: str) -> None:

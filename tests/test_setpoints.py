@@ -506,7 +506,7 @@ def test_a_format_refuses_unsupported_motions() -> None:
         b"velocity_deg_s = 9\nacceleration_deg_s2 = 9\ntorque_Nm = 9",
         "one.toml",
     )
-    with pytest.raises(JointIdError, match="experiment has 2 joints, the limits are for 1 joint"):
+    with pytest.raises(JointIdError, match="experiment has 2 joints, but the limits are for 1 joint"):
         set_points(simulated(), one, "csv")
 
 

@@ -46,7 +46,7 @@ def test_jitter_does_not_hide_the_sine() -> None:
 
 def test_a_constant_signal_has_no_frequency() -> None:
     time = np.arange(100) / 100.0
-    with pytest.raises(JointIdError, match="does not move"):
+    with pytest.raises(JointIdError, match="signal is constant"):
         largest_line_hz(time, np.zeros(100))
 
 

@@ -299,7 +299,7 @@ class TestBound:
     ) -> None:
         kept = Store(tmp_path, limit_bytes=10_000)
         entry = kept.put(mine, "small", "1", b"small")
-        with pytest.raises(JointIdError, match="the store has"):
+        with pytest.raises(JointIdError, match="the store holds"):
             kept.put(mine, "large", "2", bytes(10_001))
         assert [found.id for found in kept.entries(mine)] == [entry.id]
 

@@ -769,7 +769,7 @@ def test_links_out_of_the_folder_are_refused(tmp_path: Path) -> None:
 
 
 def test_paths_without_a_study_are_refused(tmp_path: Path) -> None:
-    assert "nothing is there" in failure(tmp_path / "none")
+    assert "no such file or folder" in failure(tmp_path / "none")
     assert "study.toml is missing" in failure(written(tmp_path / "empty", {"a.txt": b""}))
     assert "Files found: a.txt" in failure(tmp_path / "empty")
     assert "not a readable zip" in failure(tmp_path / "empty/a.txt")
@@ -810,7 +810,7 @@ def test_the_path_of_study_toml_opens_its_folder(
     check_hand_written(load_study(folder / "study.toml"))
     monkeypatch.chdir(folder)
     check_hand_written(load_study("study.toml"))
-    assert "nothing is there" in failure(tmp_path / "study.toml")
+    assert "no such file or folder" in failure(tmp_path / "study.toml")
 
 
 def test_only_files_of_no_record_are_suggested() -> None:

@@ -124,7 +124,7 @@ def test_a_planned_motion_is_the_largest_within_its_limits(
     motion = Motion("sweep", 2.0, 30.0, 10.0, acceleration_rad_s2=1.0)
     given = (limits, MotorFriction(coulomb=coulomb), Measurement(), 1e-3, 2)
     if blocked:
-        with pytest.raises(JointIdError, match="joint 1 does not move above friction and sensor noise"):
+        with pytest.raises(JointIdError, match="joint 1 does not overcome friction and sensor noise"):
             motion_plan._within(fit, motion, *given)
         assert len(tried) == 10
         return

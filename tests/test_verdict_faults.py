@@ -424,7 +424,7 @@ def test_a_reversed_sign_is_named_by_power_beside_wrong_inertias() -> None:
         "The sign of the position of joint 2 looks reversed",
         "The sign of the torque of joint 2 looks reversed",
     )
-    assert "gear ratio the other sign" in found.remedy
+    assert "reverse the sign of the gear ratio" in found.remedy
 
 
 @pytest.mark.parametrize(("angle", "torque"), [([1, -1], 1), (1, [1, -1]), ([-1, 1], 1), (1, [-1, 1])])

@@ -1592,7 +1592,7 @@ def test_a_difference_from_the_paper_has_a_cause(monkeypatch: pytest.MonkeyPatch
     fine = {"standard_error": 1e-3 * two_joints().estimate}
     (found,) = against(monkeypatch, 0.01, **fine)
     assert found.title == "Noise biases the paper's least squares: it gives K2 1.0 % too high"
-    assert found.detail.endswith("also gives K1 0.50 % too high.")
+    assert found.detail.endswith("least squares also gives K1 0.50 % too high.")
     assert found.weight == pytest.approx(0.01)
     assert found.remedy.startswith("No action needed: the chosen estimator")
     (low,) = against(monkeypatch, -0.007, **fine)
@@ -1651,8 +1651,8 @@ def test_a_lag_is_reported_where_it_changes_the_answer(monkeypatch: pytest.Monke
     (found,) = lagging(monkeypatch, 5e-4, 0.0101)
     assert found.title == "The torque lags by 0.5 ms"
     assert found.detail == (
-        "The lag is 0.500 ± 0.010 samples; the fit includes it. Without it, K2 would be about 1.0 % "
-        "too high."
+        "The lag is 0.500 ± 0.010 samples; the fit includes it. If it were ignored, K2 would be about "
+        "1.0 % too high."
     )
     assert "add 0.5 ms to the torque's delay on import, or 0.0005 s to torque_delay_s" in found.remedy
     assert (found.level, found.action) == ("note", "edit mapping")

@@ -42,23 +42,23 @@ class ArmSideFit:
     """
 
     K: Floats
-    """Stiffness, shape (n,), N·m/rad; NaN where refused."""
+    """Stiffness, shape (n,), N·m/rad; NaN where undetermined."""
     standard_error: Floats
     """Standard error of K, shape (n,), N·m/rad: noise, payload, choice of terms, rigid model; NaN where
-    refused."""
+    undetermined."""
     skew_s: Floats
     """Age of the arm's sample relative to the motor's, shape (n,), s; NaN without a sensor."""
     skew_error_s: Floats
     """Standard error of ``skew_s``, shape (n,), s."""
     reasons: tuple[str, ...]
-    """Reason why K is refused, (n,); empty otherwise."""
+    """Reason why K is undetermined, (n,); empty otherwise."""
     residual_rad: Floats
     """Root mean square of measured minus fitted deflection in the band, shape (n,), rad."""
     robot: RobotModel
     band_hz: float | None
     """Upper edge of the band, Hz; None for that of each record."""
     joints: tuple[JointDeflection | None, ...]
-    """Terms of each joint, for ``predict``; None where K is refused."""
+    """Terms of each joint, for ``predict``; None where K is undetermined."""
     motors: MotorTorques
     """Payload that the motor torques indicate, and whether they agree with the robot model."""
     method: ClassVar[str] = "sensors behind the gears"
@@ -66,7 +66,7 @@ class ArmSideFit:
 
     @property
     def table(self) -> dict[str, list[str]]:
-        """K with its standard error, skew and reason for refusal of every joint, as text."""
+        """K with its standard error, skew and reason if undetermined, of every joint, as text."""
         return self.table_in("N·m/rad", 1.0)
 
     def table_in(self, unit: str, factor: float) -> dict[str, list[str]]:

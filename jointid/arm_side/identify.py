@@ -84,7 +84,7 @@ def identify_arm_side(
     Returns
     -------
     ArmSideFit
-        K of every joint, N·m/rad at the joint side; NaN with a reason where it is refused.
+        K of every joint, N·m/rad at the joint side; NaN with a reason where undetermined.
 
     Raises
     ------

@@ -38,7 +38,7 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not 0 < self.time_s < 1e7:
-            raise JointIdError(f"time_s = {self.time_s:g} s: give a time above 0, below 10⁷ s.")
+            raise JointIdError(f"time_s = {self.time_s:g} s: give a time above 0 and below 10⁷ s.")
         if self.memory_bytes < 64 << 20:
             raise JointIdError(f"memory_bytes = {self.memory_bytes}: give at least {64 << 20} (64 MiB).")
 

@@ -260,7 +260,7 @@ def answer(_: dict[str, Any], body: bytes, progress: Progress) -> tuple[dict[str
     try:
         return {}, packed(result, arguments)
     except Exception as error:  # exceptions and results of other libraries may not be picklable
-        reason = f"{function} gave {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
+        reason = f"{function} returned {type(result[1]).__name__}, which cannot be sent: {error!s:.200}"
         return {}, packed((True, TypeError(reason)))
 
 

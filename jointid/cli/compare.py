@@ -33,8 +33,8 @@ def compare(
 ) -> None:
     """Compare K and D of two studies: which robot is softer.
 
-    The difference is the second study minus the first, also in standard errors σ. Values of an answer
-    that is not usable, and the difference from it, are left out.
+    The difference is the second study minus the first, also in standard errors σ. An answer
+    that is not usable is shown without values and differences.
     """
     files = study, second
     found: list[Answer] = [answer_file(file, method) for file in files]

@@ -72,13 +72,11 @@ def convert(
     ] = "",
     pose: Annotated[
         list[str] | None,
-        typer.Option(help="Name of a pose in the inertia file; give it once for all logs, or per log."),
+        typer.Option(help="Name of a pose in the inertia file; give it once, or once per log."),
     ] = None,
     separate: Annotated[
         bool,
-        typer.Option(
-            "--separate", help="Treat each log as runs of one joint; do not join simultaneous logs."
-        ),
+        typer.Option("--separate", help="Treat simultaneous logs as separate runs; do not join them."),
     ] = False,
     inertia_std: Annotated[float | None, options.INERTIA_STD] = None,
     torque_std: Annotated[float | None, options.TORQUE_STD] = None,
@@ -199,7 +197,7 @@ def _write_guess(table: Any, model: Any, guess: Path, as_json: bool, read_as: Se
     for note in table.notes:
         typer.echo(f"{table.name}: {note}", err=True)
     print(
-        f"\n{guess} is written. Correct it, then: jointid convert LOG --mapping {guess} --inertia "
+        f"\nWrote {guess}. Correct it, then run: jointid convert LOG --mapping {guess} --inertia "
         f"FILE --output STUDY (or --robot-model FILE)"
     )
 
@@ -227,7 +225,7 @@ def robot_of(robot: Any, model: Any, angles_deg: Sequence[float], logs: Sequence
     angles = np.deg2rad(angles_deg)
     if not angles.size:
         if logs[0].n != model.n:
-            found = f"{counted(model.n, 'joint')}, the logs have {logs[0].n}"
+            found = f"{counted(model.n, 'joint')}, but the logs have {logs[0].n}"
             raise JointIdError(f"{model.source[0]} has {found}: they must agree.")
         angles = np.mean(np.concatenate([log.theta_rad for log in logs]), axis=0) @ model.coupling.T
     return KnownRobot(model.inertia(angles), robot_model=model, pose_angles_rad={"": angles})

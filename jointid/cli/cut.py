@@ -28,7 +28,7 @@ def cut(
     assumed: Annotated[
         str,
         typer.Option(
-            help="K in the compensation before the identification: study (its nominal K), rigid "
+            help="K that the servo assumes before the identification: study (its nominal K), rigid "
             "(no compensation), soft (0.4 K) or stiff (3 K). Default: study; rigid for a study without "
             "nominal K; soft without STUDY."
         ),

@@ -39,7 +39,7 @@ def load_named(path: Path) -> Study:
     samples, name = sample_studies(), path.name
     if (sample := samples.get(name.replace(" ", "_"))) is None:  # spaces as the app shows it
         raise JointIdError(
-            f"{name:.200}: nothing is there, and no sample has this name. Give a study's folder, that "
+            f"{name:.200}: no such file, folder or sample. Give a study's folder, that "
             f"folder as .zip, or a sample: {listed(samples)}.{nearest(name, samples)}"
         )
     return load_study(sample)
@@ -76,7 +76,7 @@ def robot_from(path: Path) -> KnownRobot:
     if path.suffix.lower() == ".toml":
         if not path.exists():
             raise JointIdError(
-                f"{path}: nothing is there. Create this file with the inertias, for example for two "
+                f"{path}: no such file. Create it with the inertias, for example for two "
                 f"joints:\n\n{MINIMAL_ROBOT}"
             )
         beside = path.parent

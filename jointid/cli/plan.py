@@ -122,7 +122,7 @@ def planned(
     known = load_named(path)
     if not motion and known.motion_records:
         raise JointIdError(
-            "Sines can be planned for a study of sine records only, and this one has motion records: "
+            "Sines can be planned only for a study without motion records, and this one has some: "
             "add --motion sweep to plan a motion."
         )
     with progress("Planning"):
@@ -251,8 +251,8 @@ def setpoints(
 ) -> None:
     """Write the suggested records as set points for a robot.
 
-    Two simulated robots run the set points first; if a limit is exceeded, no file is written. NUMBERS:
-    one value for all joints, or one per joint, separated by commas: 2.5,2.8.
+    The set points are simulated first, with exact following and with a controller; if a limit is
+    exceeded, no file is written. NUMBERS: one value for all joints, or one per joint: 2.5,2.8.
     """
     from jointid.setpoints.files import highest_hz, set_points
     from jointid.setpoints.from_plan import planned_experiment

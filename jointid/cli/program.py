@@ -117,7 +117,7 @@ def _reported(as_json: bool) -> Iterator[None]:
         if usage is not None or os.environ.get("JOINTID_DEBUG"):
             raise
         message = (
-            f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid; "
+            f"Internal error, {type(error).__name__} ({error!s:.300}). This is a bug in jointid; "
             "set JOINTID_DEBUG=1 to see where."
         )
     if as_json:
@@ -146,8 +146,8 @@ app = _Program(
     name="jointid",
     cls=_Commands,
     help="Identify stiffness K and damping D of elastic robot joints and simulate their effect on the "
-    "path.\n\nValues are at the motor unless stated otherwise. Exit codes: 0 done; 1 the input or "
-    "the value of an option is unusable; 2 the command line is wrong; 130 interrupted. The paper: "
+    "path.\n\nValues are at the motor unless stated otherwise. Exit codes: 0 done; 1 the input or a "
+    'value is unusable; 2 wrong usage; 130 interrupted. "The paper" is '
     "Identification of Joint Elasticity of Industrial Robots.",
     no_args_is_help=True,
     add_completion=False,

@@ -43,7 +43,7 @@ def simulate(
         str, typer.Option(help="Motion in place of sines: sweep, multisine, random or moves.")
     ] = "",
     odd: Annotated[
-        bool, typer.Option(help="Multisine on odd lines only: the others show distortion.")
+        bool, typer.Option(help="Multisine on odd lines only; lines without a sine show distortion.")
     ] = False,
     duration_s: Annotated[
         float | None, typer.Option(help="Length of each motion record, s; default: 20.")

@@ -248,7 +248,7 @@ def require_resolved(arm: PlanarArm, K: Floats, D: Floats, dt: float, joint_angl
     fastest = fastest_mode(arm, K, D, joint_angle_rad)
     if dt * fastest > _LARGEST_PHASE:
         raise JointIdError(
-            f"A step of {dt:g} s is too long for this arm, whose fastest mode has {fastest:.4g} rad/s. "
+            f"A step of {dt:g} s is too long for this arm: its fastest mode is at {fastest:.4g} rad/s. "
             f"Use a dt of at most {_LARGEST_PHASE / fastest:.2g} s, or check K (N·m/rad) and D "
             "(N·m·s/rad)."
         )

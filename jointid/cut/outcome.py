@@ -279,10 +279,13 @@ def remaining_error_text(
         f"D it changes by {millimetres(outcome.spread_m)} (95th percentile shown)."
     )
     if outcome.before_m < outcome.after_m and outcome.robot.gears:
-        text += " It exceeds the error before: K and D alone do not describe these gears."
+        text += " It exceeds the error before identification: K and D alone do not describe these gears."
     elif outcome.before_m < outcome.after_m:
         wrong = (
             "the missing compensation cancels" if outcome.assumed is None else "the error of K cancels"
         )
-        text += f" The smaller error before is a coincidence: {wrong} part of the remaining error."
+        text += (
+            f" The smaller error before identification is a coincidence: {wrong} part of the remaining "
+            "error."
+        )
     return text

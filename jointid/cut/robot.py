@@ -57,7 +57,7 @@ RULES: dict[Rule, str] = {
     "{drive} drive: its K and D apply unchanged.",
     "springs": "K and D of this study apply unchanged, but its inertias are those of the other drive: "
     "the simulated arm is not the study's robot.",
-    "relative": "This study's robot has other inertias than the example arm, and its geometry is not "
+    "relative": "The inertias of this study's robot differ from the example arm's; its geometry is not "
     "known. The cut is that of the example arm with the paper's K = 43, 7.5 N·m/rad; the ratios of "
     "nominal to identified values, D/K and the relative errors are those of this study.",
     "demonstration": "A cut in the plane needs a study of two joints. This is a demonstration, not this "
@@ -176,7 +176,7 @@ def reason_unusable(analysis: Analysis) -> str:
     return (
         f"{enumerated(names)} {'is' if wide.size == 1 else 'are'} not known well enough for a path "
         f"error: {names[0]} = {first}, an error bar of more than "
-        "a third of the value. Add records near the resonances, or follow the verdict."
+        "a third of the value. Add records near the resonances, or follow the findings."
     )
 
 

@@ -84,7 +84,7 @@ def _is_folder(path: Path) -> bool:
         if path.is_file():
             path.open("rb").close()
             return False
-        fault = "nothing is there"
+        fault = "no such file or folder"
     except (OSError, ValueError) as error:
         fault = f"it cannot be opened ({error!s:.200})"
     raise JointIdError(

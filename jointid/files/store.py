@@ -107,7 +107,7 @@ class Store:
         place = self._place(workspace)
         if len(data) > self.limit_bytes:
             raise JointIdError(
-                f"{name} needs {mebibytes(len(data))}, the store has {mebibytes(self.limit_bytes)}: "
+                f"{name} needs {mebibytes(len(data))}; the store holds {mebibytes(self.limit_bytes)}: "
                 "shorten the records."
             )
         same = [entry.id for entry in self.entries(workspace) if entry.digest == digest]

@@ -49,7 +49,7 @@ def _expanded(text: str) -> list[Path]:
     path = Path(text).absolute()  # resolving ".." here would be wrong after a link
     if not _MAGIC.search(text) or os.path.lexists(text):
         if not os.path.lexists(path):
-            raise JointIdError(f"{text:.200}: nothing is there. Check the path.", file=text)
+            raise JointIdError(f"{text:.200}: no such file or folder. Check the path.", file=text)
         found, fault = [*_at(path)], f"{path} holds no study"
         if not path.is_dir():
             found = found or [path]

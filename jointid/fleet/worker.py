@@ -46,7 +46,7 @@ def _failed(study: str, method: str, error: Exception, content: str = "", time_s
         text = f"{place}: {error.strerror or error}. Give a study's folder, or that folder as .zip."
     elif not isinstance(error, JointIdError):
         kind, failure = type(error).__name__, FAULT
-        text = f"Internal error, {kind}: {error!s:.300} This is a fault of jointid."
+        text = f"Internal error, {kind}: {error!s:.300} This is a bug in jointid."
     return failed_row(study, method, failure, text, content=content, time_s=time_s)
 
 

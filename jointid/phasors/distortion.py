@@ -56,7 +56,9 @@ def distortion(record: JointRecord) -> Distortion:
     empty = inside[~strong[inside]]
     even, odd = empty[empty % 2 == 0], empty[empty % 2 == 1]
     if np.mean(excited % 2) < 1 or not even.size or not odd.size:
-        raise JointIdError("The record is not a multisine on odd lines with empty lines between them.")
+        raise JointIdError(
+            "The record is not a multisine on odd lines with unexcited lines between them."
+        )
     between = (inside[:-1, None] * repeats + np.arange(1, repeats)).ravel()
     size = np.sqrt(lines[excited].mean(axis=0))
 

@@ -54,7 +54,7 @@ def largest_line_hz(time_s: Floats, signal: Floats) -> float:
     frequency, amplitude = amplitude_spectrum(time_s, signal)
     peak = int(np.argmax(amplitude))
     if not amplitude[peak] > 0:
-        raise JointIdError("The signal does not move: it has no frequency.")
+        raise JointIdError("The signal is constant: it has no frequency.")
     if not 0 < peak < amplitude.size - 1:
         return float(frequency[peak])
     return float(frequency[peak] + vertex(amplitude, peak) * (frequency[1] - frequency[0]))

@@ -93,7 +93,7 @@ def sensor_blocks(found: ArmSideAnalysis, numbers: Iterator[str]) -> Iterator[Bl
             yield Figure(
                 (deflection_figure(time_s, measured[:, j], fitted[:, j], j),),
                 f"{next(numbers)} Deflection of the gear of joint {j + 1}, {which}."
-                + " K is refused." * bool(fit.reasons[j]),
+                + " K is not determined." * bool(fit.reasons[j]),
             )
 
 
@@ -104,7 +104,7 @@ def torsion_blocks(analysis: Analysis, numbers: Iterator[str]) -> Iterator[Block
         "Torque through each gear over its deflection, from motor data alone. The blue line is the "
         "fitted elastic law; damping and hysteresis open the measured loops, which are coloured from "
         "violet at the lowest frequency to yellow at the highest and drawn with ± two standard errors. "
-        f"The mean deflection of a record is not observable and set to 0. {without_curve(fit)}"
+        f"The mean deflection of a record is not observable and is set to 0. {without_curve(fit)}"
     )
     for joints, width in _pairs(fit.n):
         terms = [f" {gear_text(fit, j, analysis.unit)}." for j in joints]

@@ -286,7 +286,7 @@ def _records(study: Study) -> Table:
         table = [(row[0], *row[2:]) for row in table]
     more = len(table) - 1 - _MAX_ROWS
     rows = tuple(table[1 : _MAX_ROWS + 1])
-    return Table(table[0], rows, f"And {more} more rows, see the study." if more > 0 else "")
+    return Table(table[0], rows, f"{more} more rows: see the study." if more > 0 else "")
 
 
 def _digits(analysis: Answer) -> Iterator[Block]:

@@ -187,7 +187,7 @@ def _tensor(link: CheckedTable) -> Floats:
     if least < -1e-6 * size:
         raise link.error(
             f"inertia has the negative principal moment {least:g} kg·m²: check the order xx yy zz xy yz "
-            "xz and that it refers to the centre of mass."
+            "xz and the reference point, the centre of mass."
         )
     return tensor
 

@@ -128,12 +128,12 @@ def _require_spelling(file: str, root: Element) -> None:
     if root.find("gravity") is not None:
         raise xml_error(
             file,
-            "<gravity> is not part of URDF: its robots have 9.81 m/s² along -z. Use MJCF or TOML.",
+            "<gravity> is not part of URDF: its gravity is always 9.81 m/s² along -z. Use MJCF or TOML.",
         )
     for part in [*root.findall("link"), *root.findall("joint")]:
         if inner := [*part.findall("link"), *part.findall("joint")]:
             name = f'<{inner[0].tag} name="{inner[0].get("name", ""):.60}">'
-            raise xml_error(file, f"{name} is inside a {part.tag}: move it to the level of <robot>.")
+            raise xml_error(file, f"{name} is inside a {part.tag}: move it directly into <robot>.")
     for part in [*root.findall("link"), *root.findall("link/inertial"), *root.findall("joint")]:
         for tag in _ONCE:
             if len(part.findall(tag)) > 1:

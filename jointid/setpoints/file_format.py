@@ -106,7 +106,7 @@ def _head(points: SetPoints) -> Iterator[str]:
         *_SAFETY,
         *points.format.notes,
         "",
-        "CHECK (joint side, torque motor side)",
+        "CHECK (at the joint; torque at the motor)",
     )
     for row in points.rows:
         yield (

@@ -87,7 +87,7 @@ def _require_possible(
     if robot.gear_ratio.size != n:
         limits = counted(robot.gear_ratio.size, "joint")
         raise JointIdError(
-            f"The experiment has {counted(n, 'joint')}, the limits are for {limits}: give all."
+            f"The experiment has {counted(n, 'joint')}, but the limits are for {limits}: give all."
         )
     if chosen.axes and axes not in chosen.axes:
         raise JointIdError(

@@ -77,8 +77,8 @@ def planned_experiment(
     experiment = Experiment(tuple(runs), rest_s, scale)
     if experiment.duration_s > LONGEST_S:
         raise JointIdError(
-            f"The experiment lasts {experiment.duration_s:.0f} s, the limit is {LONGEST_S:g} s: "
-            "write fewer or shorter records into a file, or fewer repeats."
+            f"The experiment lasts {experiment.duration_s:.0f} s; the limit is {LONGEST_S:g} s: "
+            "use fewer or shorter records in one file, or fewer repeats."
         )
     return experiment
 

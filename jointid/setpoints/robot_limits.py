@@ -136,8 +136,8 @@ def coupling_problem(study: Study) -> str:
         return ""
     names = enumerated(list(compress(model.names, model.is_coupled)))
     return (
-        f"Gears couple {names}: set points of joints that share a motor are not supported. The plan "
-        "holds for the motors, and can be run by a program of the controller."
+        f"Gears couple {names}: set points of joints that share a motor are not supported. Run the "
+        "plan, which is given at the motors, with a program of the controller."
     )
 
 

@@ -220,7 +220,7 @@ class Robot:
             )
         if velocity.any() and self.inertia.gravity.any():
             raise JointIdError(
-                "constant_velocity_rad_s is not 0 and gravity acts: the pose changes. Leave one out."
+                "constant_velocity_rad_s is not 0 and gravity acts: the pose changes. Set one to 0."
             )
         state = np.imag(S * z**k)
         # At constant velocity motor and arm travel together and the controller balances friction.

@@ -136,8 +136,8 @@ class PlanningModel:
             found[~solved] = 0.0
         if not np.isfinite(found).all():
             raise JointIdError(
-                "The planned records have no finite information on K and D: check the units of torque, "
-                "angle and inertias."
+                "The information of the planned records on K and D is not finite: check the units of "
+                "torque, angle and inertias."
             )
         return found
 

@@ -201,7 +201,7 @@ def _within(
         acceleration = acceleration * np.minimum(ratio, 2.0)
         share = share * np.minimum(ratio, 1.0)
     raise JointIdError(
-        f"Within its limits, joint {worst + 1} does not move above friction and sensor noise. Raise the "
+        f"Within its limits, joint {worst + 1} does not overcome friction and sensor noise. Raise the "
         "limits of position, velocity or torque."
     )
 

@@ -62,7 +62,7 @@ def predict_standard_errors(
     """
     if planned.torque_Nm.shape[1] != fit.n:
         raise JointIdError(
-            f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, the study has {fit.n}."
+            f"The plan has {counted(planned.torque_Nm.shape[1], 'joint')}, but the study has {fit.n}."
         )
     now = planning_model(phasors, inertia, fit, planned_inertia)
     omega = 2 * np.pi * planned.frequency_hz

@@ -230,7 +230,7 @@ def predict_torques(fit: ElasticityFit, *, folds: int = 2) -> TorquePrediction:
             scaled = np.asarray(part.jac) * size
             information = scaled.T @ scaled
             if np.linalg.cond(information) > _SINGULAR:
-                raise JointIdError("A part of the frequencies does not determine K and D.")
+                raise JointIdError("One part of the frequencies does not determine K and D.")
             covariance = np.linalg.inv(information) * np.outer(size, size)
             K, D = part.x[:n], part.x[n:]
             a = equations.a[out, None]

@@ -63,8 +63,8 @@ def finding_of(
         return problem(
             f"The sign of the {what} of {whose} looks reversed",
             f"At low frequency the torque is opposite in sign to the value from M and M2. {proof}",
-            f"Set the direction of the {what} of {whose} to reversed on import, or give the gear ratio "
-            "the other sign if motor and joint turn in opposite directions. In a study, reverse the "
+            f"Set the direction of the {what} of {whose} to reversed on import, or reverse the sign of "
+            "the gear ratio if motor and joint turn in opposite directions. In a study, reverse the "
             f"sign of {columns} in its tables. A positive torque then accelerates the motor towards "
             "positive positions.",
             1.0,
@@ -256,7 +256,7 @@ def _unknown_cause(factor: Floats, wrong: np.ndarray, proof: str, effect: float,
         of = f"the {of} of {_joints(turned, factor.size)}"
         sign = f" The sign of {of} is reversed, as with a gear that reverses the direction."
         remedy = (
-            f"Set the direction of {of} to reversed on import, or give the gear ratio the other sign. "
+            f"Set the direction of {of} to reversed on import, or reverse the sign of the gear ratio. "
         )
         title = "The sign, and a gear ratio or the unit of the torque, look wrong for"
     gears = []

@@ -39,7 +39,7 @@ _SPAN_S, _FAST, _SLOW = 0.01, 0.98, 0.03
 it."""
 _CONTRADICTED = "The motor torques of {} contradict the robot model"
 _IN_MODEL = (
-    "Robot model, payload and friction do not explain these torques. K of every joint follows from the "
+    "Robot model, payload and friction do not explain these torques. K of every joint depends on the "
     "torque of the robot model."
 )
 _CHECK_MODEL = (
@@ -220,7 +220,7 @@ def _wrong_zeros(change_deg: Floats, std_deg: Floats) -> Finding:
     return warning(
         _ZEROS.format("" if one else "s", joints_text(joints + 1), "s" if one else ""),
         f"The motor torques fit the robot model best after adding {enumerated(changes)}. K of every "
-        "joint follows from the torque of the robot model at the logged angles.",
+        "joint depends on the torque of the robot model at the logged angles.",
         _CHECK_ZEROS,
         1.0 + joints.size,
     )

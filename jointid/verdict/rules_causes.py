@@ -87,7 +87,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
     ]
     also = "Both fits use the same inertias."
     if others:
-        also = f"With the same inertias, it also gives {enumerated(others)}."
+        also = f"With the same inertias, least squares also gives {enumerated(others)}."
     yield note(
         f"{title}: {paper_fit} gives {names[worst]} {percent(share[worst])} too {high}",
         f"{cause}{also}",
@@ -132,7 +132,7 @@ def torque_lags(evidence: Evidence) -> Iterator[Finding]:
     yield note(
         f"{title}, or there is {others}" if others else title,
         f"{CANNOT_TELL if others else ''}The {'lag' if lag > 0 else 'lead'} is {samples} samples; the "
-        f"fit includes it. Without it, {elasticity_labels(fit.n)[worst]} would be {without}.",
+        f"fit includes it. If it were ignored, {elasticity_labels(fit.n)[worst]} would be {without}.",
         remedy
         or f"If the drive has such a {what}, {change} {by_ms} ms {to} the torque's delay on "
         f"import, or {by_s} s {to} torque_delay_s under [timing] in study.toml.",

@@ -47,7 +47,7 @@ def inertia_of_each(
         raise JointIdError(f"{len(each)} inertias for {records} records: give one, or one per record.")
     wrong = next((one.n for one in each if one.n != joints), None)
     if wrong is not None:
-        has = f"The records have {counted(joints, 'joint')}, the inertia has {wrong}"
+        has = f"The records have {counted(joints, 'joint')}, but the inertia has {wrong}"
         raise JointIdError(f"{has}: give one M per joint of the records.")
     return each
 

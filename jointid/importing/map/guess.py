@@ -114,7 +114,7 @@ def _joint(
     if behind is not None and _move_alike(pair[0], behind):
         sides["position"] = JOINT, True, f'It moves like "{behind.name}", which is behind the gear.'
     elif behind is None and like and not sides["position"][1]:
-        sides["position"] = JOINT, False, f"As for joint {like}, which moves like its arm-side position."
+        sides["position"] = JOINT, False, f"As for joint {like}, which is logged behind its gear."
     position, torque = (
         _channel(role, number, column, guess_unit(role, column, degrees), side, reasons)
         for (role, side), column in zip(sides.items(), pair, strict=True)
@@ -122,7 +122,7 @@ def _joint(
     arm = None
     if behind is not None:
         arm = Channel(behind.name, guess_unit("position", behind)[0], None, JOINT)
-        why = f'The name of "{behind.name}" says that it is behind the gear.'
+        why = f'The name of "{behind.name}" indicates a sensor behind the gear.'
         reasons.append(Reason(f"{ARM} of joint {number}", why))
     joint = JointMapping(position, torque, arm=arm)
     reasons += _drive_reasons(number, joint)

@@ -39,7 +39,7 @@ def guess_time(table: LogTable, reasons: list[Reason]) -> TimeColumn:
     if best is None:
         said = [column.name for column in table.columns if _says_time(column)]
         why = (
-            f'"{said[0]}" is named as time but does not increase from row to row'
+            f'The name of "{said[0]}" indicates time, but it does not increase from row to row'
             if said
             else "No column increases"
         )

@@ -238,7 +238,7 @@ def join_logs(
             notes.append(
                 f"{listed(part.name for part in parts)} look like joints logged simultaneously, but "
                 "the mapping describes a single log: they are treated as runs of one joint. To join "
-                "them, write a new mapping with --guess and all of them."
+                "them, write a new mapping with --guess and all these logs."
             )
             for index in group:
                 if id(tables[index]) not in main:

@@ -84,7 +84,7 @@ def tables_of_signals(
         known = np.isfinite(ticks)
         column[np.searchsorted(times, ticks[known])] = signal.values[known]
         together.append(replace(signal, time_s=times * _SAME_S, values=column))
-    note = f"Its signals have {counted(len(groups), 'clock')}; each keeps its own times."
+    note = f"The signals have {counted(len(groups), 'clock')}; each keeps its own times."
     return _table(file, together, (*notes, note), time), *most_first(file, tables)
 
 

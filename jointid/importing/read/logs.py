@@ -86,7 +86,7 @@ def _read_path(path: Path, name: str, reader: ReaderProcess) -> tuple[LogTable, 
         require_small(name, sum(part.stat().st_size for part in path.iterdir() if part.is_file()))
         return reader.read("db3", name, path)
     if not path.is_file():
-        raise JointIdError(f"{path!s:.200}: there is no such file. Check the path.")
+        raise JointIdError(f"{path!s:.200}: no such file. Check the path.")
     require_small(name, path.stat().st_size)
     return _read_bytes(path.read_bytes(), name, reader)
 

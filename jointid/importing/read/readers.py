@@ -48,7 +48,7 @@ _UNSUPPORTED = (
     (b"ORC", "an ORC file"),
     (b"Obj\x01", "an Avro file"),
     (b"RRF", "a Rerun recording"),
-    *((bytes([0x80, k]), "a Python pickle, which could run programs here") for k in range(2, 6)),
+    *((bytes([0x80, k]), "a Python pickle, which could run code here") for k in range(2, 6)),
     (b"MZ", "a Windows program"),
     (b"\x7fELF", "a Linux program"),
 )

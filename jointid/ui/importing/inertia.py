@@ -97,7 +97,7 @@ def offer_gears_of_model(joints: int) -> None:
         show_error(error)
         return
     if model is not None and model.n != joints:
-        show_error(f"The robot model has {counted(model.n, 'joint')}, step 2 has {joints}.")
+        show_error(f"The robot model has {counted(model.n, 'joint')}, but step 2 has {joints}.")
 
 
 def ask_nominal(joints: int) -> Elasticity | None:

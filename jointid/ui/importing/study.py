@@ -29,7 +29,7 @@ _FACTS = {
     "robot": ("Robot", "cell 7, robot A"),
     "date": ("Date of the measurement", "2026-11-20"),
     "gear temperature": ("Gear temperature (°C)", "24"),
-    "note": ("Note, shown with the answer", "after two hours of work, no tool"),
+    "note": ("Note, shown with the answer", "after two hours of operation, no tool"),
 }
 """Label and example of each optional fact."""
 

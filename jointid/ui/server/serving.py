@@ -144,7 +144,7 @@ async def _close_sessions() -> None:
 def show_internal_error(error: Exception) -> bool:
     """Show one message in place of streamlit's box; the server's log has the traceback."""
     show_error(
-        f"Internal error, {type(error).__name__} ({error!s:.300}). This is a fault of jointid, not of "
+        f"Internal error, {type(error).__name__} ({error!s:.300}). This is a bug in jointid, not in "
         "your data; studies and entries are kept. Choose another page or study in the sidebar."
     )
     return True

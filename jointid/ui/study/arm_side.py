@@ -67,7 +67,7 @@ def _show_deflection(page: Page, found: ArmSideAnalysis) -> None:
     j, k = choose_joint(joints, "arm_side_joint"), measured[0]
     st.caption(
         "The difference between the two encoders of a joint is the deflection of its gear."
-        + " The line is the fit, whose K is refused." * bool(fit.reasons[j])
+        + " The line is the fit, which does not determine K." * bool(fit.reasons[j])
     )
     if len(measured) > 1:
         names = {k: motions[k].label or f"Motion {k + 1}" for k in measured}

@@ -53,8 +53,8 @@ def show_quality(page: Page) -> None:
             "from friction or a nonlinear gear.\n"
             "- **Settling**: relative difference of the sine between the first quarter "
             "and the second half. Findings name the records that have not settled.\n"
-            "- **Found**, where it is not the stated frequency: that of the motor's motion.\n"
-            "- **Jitter**, where there is any: largest deviation of a sample time from a uniform grid."
+            "- **Found**, shown where it differs from the stated frequency: that of the motion.\n"
+            "- **Jitter**, shown if not zero: largest deviation of a sample time from a uniform grid."
         )
 
 
@@ -96,7 +96,7 @@ def show_distortion(record: JointRecord) -> None:
     st.caption(
         f"A multisine on odd lines, period {found.period_s:.4g} s. Amplitude of lines without "
         "excitation over that of excited ones. Odd lines above the noise show friction, a hardening "
-        "gear or backlash, even ones friction that depends on the direction, or a one-sided load."
+        "gear or backlash; even ones show friction that depends on the direction, or a one-sided load."
     )
 
 

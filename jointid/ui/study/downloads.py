@@ -81,7 +81,7 @@ def show_identification_files(analysis: Answer, stem: str) -> None:
         "With the state of the answer, covariance, friction, delay, and the inertias as given and as "
         "fitted. SI units, seen from the motors."
         if is_motor
-        else "With the state of the answer, skew and reasons for refusals. SI units, at the joint."
+        else "With the state of the answer, skew and why a K is undetermined. SI units, at the joint."
     )
     with st.container(horizontal=True):
         download("CSV", partial(exporting.answer_table, analysis), f"{stem}_K.csv")

@@ -122,8 +122,8 @@ def _show_torsion(page: Page, analysis: Analysis) -> None:
         lambda: torsion_table(analysis),
         f"{file_stem(page.study.name)}_torsion.csv",
         hint="Torque u = τ − Mθ̈ − friction over deflection θ − θₐ, with M₂θ̈ₐ = u. It includes damping "
-        "and hysteresis, the elastic law does not. The mean deflection of a record is not observable "
-        "and set to 0.",
+        "and hysteresis; the elastic law does not. The mean deflection of a record is not observable "
+        "and is set to 0.",
     )
 
 
@@ -252,7 +252,7 @@ def show_poses(page: Page, analysis: Analysis) -> None:
         return
     st.write(
         "K and D do not depend on the pose. A difference indicates a wrong M2 of one pose or a "
-        "hardening gear. Distance: of the poses from their mean, in standard errors; about 1 when they "
+        "hardening gear. Distance of the poses from their mean: in standard errors; about 1 when they "
         "agree."
     )
     columns: dict[str, list[str]] = {"Pose": [*(name or NO_POSE for name in fits.names), "Distance"]}

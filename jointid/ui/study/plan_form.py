@@ -81,7 +81,7 @@ def ask(analysis: Analysis, digest: str) -> PlanSettings:
     if min(*limits[0], *limits[1]) <= 0 or not np.isfinite(limits).all():
         raise JointIdError("The amplitudes of torque and velocity must be positive numbers.")
     if not 0 < highest_hz < np.inf:
-        raise JointIdError(f"{name}: {highest} Hz, expected a positive number.")
+        raise JointIdError(f"{name}: {highest} Hz; expected a positive number.")
     return PlanSettings(int(count), float(seconds), *limits, min(highest_hz, most_hz), pose)
 
 

@@ -81,9 +81,10 @@ def show_set_points(
         show_info(problem)
         return
     st.write(
-        "The plan above as a motion of the joints, for the controller. Two simulated robots run it "
-        "first; a file is written only if the limits of the robot hold for the whole motion, with ramps "
-        "and load at rest. Amplitudes are limited by the plan. Read the header of the file before use."
+        "The plan above as a motion of the joints, for the controller. It is first simulated, with "
+        "exact following and with a controller; a file is written only if the limits of the robot hold "
+        "for the whole motion, with ramps and load at rest. Amplitudes are limited by the plan. Read "
+        "the header of the file before use."
     )
     sines = isinstance(plan, PlannedRecords)
     ratios = analysis.study.gear_ratios

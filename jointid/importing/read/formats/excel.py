@@ -55,7 +55,7 @@ def _require_small(file: str, path: str) -> None:
     if size > _MAX_UNPACKED:
         raise JointIdError(
             f"{file} unpacks to {size / 2**20:.4g} MiB, more than the limit of "
-            f"{_MAX_UNPACKED >> 20} MiB of workbooks, about 4 million cells. "
+            f"{_MAX_UNPACKED >> 20} MiB for workbooks (about 4 million cells). "
             "Export it as CSV or Parquet, or cut it into several logs."
         )
 

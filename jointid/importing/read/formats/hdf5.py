@@ -156,7 +156,7 @@ def _own_object(h5py: Any, file: str, group: Any, key: Any) -> Any:
                 raise JointIdError(
                     f'{file}: "{item.name!s:.200}" is packed with filter {code} '
                     f"({label.decode(errors='replace'):.40}), which is not installed. "
-                    "Save it with gzip compression, or without."
+                    "Save it with gzip compression, or uncompressed."
                 )
     return item
 

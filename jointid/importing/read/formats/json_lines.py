@@ -23,7 +23,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
     text = file_text(path)
     if text.count(",") > _MOST_VALUES:
         raise JointIdError(
-            f"{file} holds more than {_MOST_VALUES / 1e6:g} million values, the limit of JSON: export "
+            f"{file} holds more than {_MOST_VALUES / 1e6:g} million values, the limit for JSON: export "
             "it as CSV or Parquet."
         )
     rows, notes = _rows(file, text)

@@ -62,7 +62,7 @@ def read(file: str, path: str) -> tuple[LogTable, ...]:
             if not unit and not RATED_SHARE.search(name) and in_thousandths(symbol, values):
                 unit = "‰"
                 notes.append(
-                    f'"{name.strip()}": whole numbers of the symbol "{symbol}" are taken for '
+                    f'"{name.strip()}": whole numbers of the symbol "{symbol}" are read as '
                     "thousandths of the rated value, as in CiA 402."
                 )
             signals.append(Signal(name.strip(), time[kept], values[kept], unit))

@@ -93,7 +93,7 @@ def marks_note(file: str, cells: Iterable[str], decimal: str, thousands: str) ->
         shown, meant = proof or grouped[0], value_of(proof or grouped[0], decimal, thousands)
         name = "blank" if thousands.isspace() else thousands
         return (
-            f'Numbers have marks between thousands: "{shown}" is read as {meant:.15g} '
+            f'Numbers have thousands separators: "{shown}" is read as {meant:.15g} '
             f'(thousands: "{name}", decimals: "{decimal}").'
         )
     if not marked or not all(_candidate(decimal).fullmatch(cell.lstrip("+-")) for cell in marked):

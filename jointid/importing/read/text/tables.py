@@ -59,8 +59,8 @@ def read_text_table(file: str, data: bytes) -> LogTable:
     if left_out:
         notes.append(f"Columns without numbers, left out: {listed(left_out)}.")
         notes += [
-            f'"{name}" is named as time, but holds neither numbers nor times in a known format. Export '
-            "it in seconds, or as 2026-05-07 09:00:00.123."
+            f'The name of "{name}" indicates time, but it holds neither numbers nor times in a known '
+            "format. Export it in seconds, or as 2026-05-07 09:00:00.123."
             for name in left_out
             if WORDS["time"] & set(words_of(name))
         ]
