@@ -49,13 +49,16 @@ from jointid.estimation import model_selection
 from jointid.estimation.candidates import Fits, Model
 from jointid.estimation.estimators.fitted_gears import fitted_gears
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.joint_laws import JointLaws
+from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate, maximum_likelihood
 from jointid.estimation.estimators.noise import moderated_noise
 from jointid.estimation.estimators.parameters import GEAR_LAWS, ParameterLayout, Parameters
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.model_climb import _laws_of_motions, climbed, fit_laws, fit_regressed
+from jointid.estimation.model_fits import evaluated
 from jointid.estimation.model_growth import grown
 from jointid.estimation.model_search import Search
 from jointid.estimation.start_values import by_regression, other_laws, with_one_bend
@@ -912,6 +915,22 @@ def test_backlash_is_never_negative(name: str) -> None:
     """The second joint has no backlash; with other laws a fit could make it negative."""
     found = maximum_likelihood(measured()[name], INERTIA, WORN[name].answer, effects=("backlash",))
     assert np.all(found.named["backlash"] >= 0)
+
+
+@pytest.mark.parametrize(("name", "law"), [("wide play", "backlash"), ("hardening", "cubic")])
+def test_a_law_is_fitted_under_the_noise_that_it_passes_on(name: str, law: str) -> None:
+    """Otherwise the stated errors are those of other weights: K was off by four of them."""
+    phasors, robot = measured()[name], WORN[name]
+    prior = InertiaPrior.of(INERTIA, *phasors.q.shape)
+    noise = spring_equations(phasors, [INERTIA] * len(phasors.q)).noise
+    noise = replace(noise, covariance=9 * noise.covariance)  # no harmonic exceeds it
+    found = maximum_likelihood(phasors, INERTIA, robot.answer, effects=(law,), noise=noise)
+    assert np.all(found.scale == 1)
+    model = Model(None, delay=False, effects=(law,))
+    residual = evaluated(phasors, prior, model, found, noise, found.scale)
+    _, gradient, normal = quadratic(residual, found.p)
+    step = np.linalg.solve(normal, gradient)
+    assert np.all(np.abs(step) < 0.05 * np.sqrt(np.diag(found.covariance)))
 
 
 def test_with_gear_linear_no_law_is_fitted() -> None:
