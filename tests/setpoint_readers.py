@@ -110,7 +110,7 @@ class Trial(NamedTuple):
 
 
 def random_trial(seed: int) -> Trial:
-    """Up to three joints, or a robot of six in a random pose; a third of the plans exceed limits or so."""
+    """Up to three joints, or a robot of six in a random pose; limits that many plans exceed."""
     rng = np.random.default_rng([seed, 14])
     n = int(rng.choice([1, 2, 3, 6]))
     elasticity = Elasticity(K=rng.uniform(8, 60, n), D=rng.uniform(0.01, 0.1, n))

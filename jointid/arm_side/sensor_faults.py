@@ -7,7 +7,8 @@ import numpy as np
 from jointid.arm_side.band_limited import BandLimited
 from jointid.arrays import Floats
 from jointid.records import MotionRecord
-from jointid.wording import minus
+from jointid.robot_models.model import RobotModel
+from jointid.wording import minus, significant
 
 LEAST_RAD = 1e-4
 """Range of a joint's angle up to which it rests: noise of its encoders."""
@@ -37,17 +38,19 @@ def share(motion: BandLimited, j: int) -> float:
     return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
 
 
-def sensor_faults(records: Sequence[MotionRecord], motions: Sequence[BandLimited]) -> list[str]:
+def sensor_faults(
+    records: Sequence[MotionRecord], motions: Sequence[BandLimited], robot: RobotModel
+) -> list[str]:
     """Reason why the sensor of each joint cannot be used, n texts; empty without a fault."""
     found = [""] * records[0].n
     for k, (record, motion) in enumerate(zip(records, motions, strict=True), start=1):
         where = record.label or f"motion record {k}"
         for j in np.flatnonzero(np.isfinite(motion.deflection).all(axis=0)).tolist():
-            found[j] = found[j] or _fault(motion, j, where)
+            found[j] = found[j] or _fault(motion, j, where, robot)
     return found
 
 
-def _fault(motion: BandLimited, j: int, where: str) -> str:
+def _fault(motion: BandLimited, j: int, where: str, robot: RobotModel) -> str:
     moves, angle = share(motion, j), motion.raw[:, j] - motion.raw_deflection[:, j]
     if np.isnan(moves):
         return ""
@@ -59,19 +62,24 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
         )
     apart = np.ptp(motion.raw_deflection[:, j]) > _MOST_DEFLECTION_RAD
     if apart and not 1 / ALIKE < moves < ALIKE:
-        return _moves_otherwise(f"{moves:.3g}", where)
+        return _moves_otherwise(j, moves, 3, where, robot)
     return COMPUTED if not hardly and _is_computed(motion, j) else ""
 
 
-def _moves_otherwise(moves: str, where: str) -> str:
+def _moves_otherwise(j: int, moves: float, digits: int, where: str, robot: RobotModel) -> str:
+    given = float(robot.gear_ratio[j])
+    implied, stated = (significant(ratio, digits) for ratio in (given / moves, given))
     return (
-        f"Its sensor moves {minus(moves)} times as far as its motor and the gear ratio imply "
-        f"({where}). Give its angles in rad at the joint, and check its column, its sign and the gear "
-        "ratio; if the gear ratio is wrong, K of the other joints is also wrong."
+        f"Its sensor moves {minus(f'{moves:.{digits}g}')} times as far as its motor and the gear ratio "
+        f"imply ({where}). Give its angles in rad at the joint, and check its column, its sign and the "
+        f"gear ratio: if the sensor is right, the gear ratio is {implied}, not {stated}, and K of the "
+        "other joints is also wrong."
     )
 
 
-def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, where: str) -> str:
+def scale_fault(
+    j: int, motion: BandLimited, torque: Floats, payload: Floats, where: str, robot: RobotModel
+) -> str:
     """Reason why the sensor of a joint cannot be used: its scale, or the gear ratio, is slightly wrong.
 
     Nothing else leaves a deflection proportional to the angle that torque (N, n) and its change with the
@@ -90,7 +98,7 @@ def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, wh
     extra = float(angle @ left) / float(angle @ angle)
     explained = 1 - np.var(left - extra * angle) / np.var(left)
     apart = min(abs(extra) / _SCALE, abs(extra) * np.ptp(motion.q[:, j]) / _MOST_DEFLECTION_RAD) > 1
-    return _moves_otherwise(f"{1 - extra:.4g}", where) if apart and explained > _EXPLAINED else ""
+    return _moves_otherwise(j, 1 - extra, 4, where, robot) if apart and explained > _EXPLAINED else ""
 
 
 def _is_computed(motion: BandLimited, j: int) -> bool:
