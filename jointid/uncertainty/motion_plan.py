@@ -110,9 +110,10 @@ def plan_motion(
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
     chosen, made = _within(fit, motion, limits, friction, measurement, interval_s, records)
     prior, gear = fit.prior, "linear" if _gears(fit) is None else "auto"
-    stds = {"inertia_std": prior.inertia_std, "torque_std": prior.torque_std}
     try:
-        found = identify_motion(made, inertia, gear=gear, **stds)
+        found = identify_motion(
+            made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear=gear
+        )
     except JointIdError as error:  # it is about records, which nobody has made yet
         raise _too_little(fit, chosen) from error
     size = np.abs(fit.estimate)
