@@ -202,7 +202,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     if held.size:
         yield note(
             f"{joints_text(held)} {'is' if held.size == 1 else 'are'} held in every record".capitalize(),
-            "Where a motor does not move, play in its gear looks like a softer gear, and may change D of "
+            "If a motor does not move, play in its gear looks like a softer gear, and may change D of "
             "the joints that move.",
             "Do not use K and D of held joints. To identify them, move each in some records.",
             0.0,
