@@ -71,7 +71,7 @@ def faulty(fault: str, sensors: int, cases: int) -> dict[str, str | float]:
             factor = sign if kind == "direction" else np.where(sign < 0, 1.03, 1.0)
         fit = identify_arm_side(record, replace(ROBOT, coupling=ROBOT.coupling * factor))
         signs = fit.motors.reversed
-        ratio = [j for j, reason in enumerate(fit.reasons) if "the gear ratio is" in reason]
+        ratio = [j for j, reason in enumerate(fit.reasons) if "sensor implies" in reason]
         named = [np.flatnonzero(signs.torque), np.flatnonzero(signs.axis), np.array(ratio)]
         counts += [int(joint) - 1 in each for each in named]
         ratios += list(np.abs((fit.K[:sensors] - truth.K) / fit.standard_error[:sensors]))

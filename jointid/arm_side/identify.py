@@ -126,7 +126,7 @@ def _identified(
 ) -> ArmSideFit:
     motions = [band_limited(record, robot, band_hz) for record in given]
     sensors = np.any([np.isfinite(m.deflection).all(axis=0) for m in motions], axis=0)
-    faults = sensor_faults(given, motions, robot)
+    faults = sensor_faults(given, motions)
     motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
     elastic = [np.zeros_like(m.q) for m in motions]
     joints: list[JointDeflection | None] = [None] * robot.n

@@ -38,19 +38,17 @@ def share(motion: BandLimited, j: int) -> float:
     return float(moves @ (q - motion.raw_deflection[:, j])) / float(moves @ moves)
 
 
-def sensor_faults(
-    records: Sequence[MotionRecord], motions: Sequence[BandLimited], robot: RobotModel
-) -> list[str]:
+def sensor_faults(records: Sequence[MotionRecord], motions: Sequence[BandLimited]) -> list[str]:
     """Reason why the sensor of each joint cannot be used, n texts; empty without a fault."""
     found = [""] * records[0].n
     for k, (record, motion) in enumerate(zip(records, motions, strict=True), start=1):
         where = record.label or f"motion record {k}"
         for j in np.flatnonzero(np.isfinite(motion.deflection).all(axis=0)).tolist():
-            found[j] = found[j] or _fault(motion, j, where, robot)
+            found[j] = found[j] or _fault(motion, j, where)
     return found
 
 
-def _fault(motion: BandLimited, j: int, where: str, robot: RobotModel) -> str:
+def _fault(motion: BandLimited, j: int, where: str) -> str:
     moves, angle = share(motion, j), motion.raw[:, j] - motion.raw_deflection[:, j]
     if np.isnan(moves):
         return ""
@@ -62,18 +60,15 @@ def _fault(motion: BandLimited, j: int, where: str, robot: RobotModel) -> str:
         )
     apart = np.ptp(motion.raw_deflection[:, j]) > _MOST_DEFLECTION_RAD
     if apart and not 1 / ALIKE < moves < ALIKE:
-        return _moves_otherwise(j, moves, 3, where, robot)
+        return _moves_otherwise(f"{moves:.3g}", where)
     return COMPUTED if not hardly and _is_computed(motion, j) else ""
 
 
-def _moves_otherwise(j: int, moves: float, digits: int, where: str, robot: RobotModel) -> str:
-    given = float(robot.gear_ratio[j])
-    implied, stated = (significant(ratio, digits) for ratio in (given / moves, given))
+def _moves_otherwise(moves: str, where: str, implied: str = "") -> str:
     return (
-        f"Its sensor moves {minus(f'{moves:.{digits}g}')} times as far as its motor and the gear ratio "
-        f"imply ({where}). Give its angles in rad at the joint, and check its column, its sign and the "
-        f"gear ratio: if the sensor is right, the gear ratio is {implied}, not {stated}, and K of the "
-        "other joints is also wrong."
+        f"Its sensor moves {minus(moves)} times as far as its motor and the gear ratio imply "
+        f"({where}). Give its angles in rad at the joint, and check its column, its sign and the gear "
+        f"ratio{implied}; if the gear ratio is wrong, K of the other joints is also wrong."
     )
 
 
@@ -98,7 +93,12 @@ def scale_fault(
     extra = float(angle @ left) / float(angle @ angle)
     explained = 1 - np.var(left - extra * angle) / np.var(left)
     apart = min(abs(extra) / _SCALE, abs(extra) * np.ptp(motion.q[:, j]) / _MOST_DEFLECTION_RAD) > 1
-    return _moves_otherwise(j, 1 - extra, 4, where, robot) if apart and explained > _EXPLAINED else ""
+    if not apart or explained <= _EXPLAINED:
+        return ""
+    given = float(robot.gear_ratio[j])
+    implied, stated = (significant(ratio) for ratio in (given / (1 - extra), given))
+    ratio = f" (a correct sensor implies {implied}, the robot model states {stated})"
+    return _moves_otherwise(f"{1 - extra:.4g}", where, ratio)
 
 
 def _is_computed(motion: BandLimited, j: int) -> bool:
