@@ -1,12 +1,15 @@
 """Stiffness from second encoders on random six-axis robots: errors, their z values, skew, predictions.
 
-python -m benchmarks.arm_side [cases]    or  python -m benchmarks arm_side
+python -m benchmarks.arm_side [cases] [faults]    or  python -m benchmarks arm_side
+
+With ``faults``, it counts the reversed joints and wrong gear ratios that are named.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,6 +49,47 @@ def row(
     return dict(zip(COLUMNS, figures, strict=True))
 
 
+FAULTS = ("none", "torque 4", "torque 5", "torque 6", "direction 4", "direction 5", "direction 6",
+          "ratio 5", "ratio 6")  # fmt: skip
+"""Reversed torque or direction of a joint, or a gear ratio 3 % too small."""
+
+
+def faulty(fault: str, sensors: int, cases: int) -> dict[str, str | float]:
+    """Count the robots whose fault is named, and errors of K; sensors on the first joints."""
+    kind, joint = (*fault.split(), "1")[:2]
+    sign = np.where(np.arange(6) == int(joint) - 1, -1.0, 1.0)
+    counts, ratios, refused = np.zeros(3, int), [0.0], 0
+    for seed in range(cases):
+        rng = np.random.default_rng(seed)
+        K = rng.uniform(2e6, 8e6, 6) * np.repeat([1, 0.2], 3)
+        skew = np.full(sensors, rng.uniform(0, 5e-3))
+        truth = random_truth(rng, K=K[:sensors], skew_s=skew)
+        record, factor = motion_record(truth, seed + 100), np.ones(6)
+        if kind == "torque":
+            record = replace(record, tau_Nm=record.tau_Nm * sign)
+        elif kind != "none":
+            factor = sign if kind == "direction" else np.where(sign < 0, 1.03, 1.0)
+        fit = identify_arm_side(record, replace(ROBOT, coupling=ROBOT.coupling * factor))
+        signs = fit.motors.reversed
+        ratio = [j for j, reason in enumerate(fit.reasons) if "sensor implies" in reason]
+        named = [np.flatnonzero(signs.torque), np.flatnonzero(signs.axis), np.array(ratio)]
+        counts += [int(joint) - 1 in each for each in named]
+        ratios += list(np.abs((fit.K[:sensors] - truth.K) / fit.standard_error[:sensors]))
+        refused += int(np.isnan(fit.K[:sensors]).sum())
+    figures = [f"{fault}, {sensors} sensors", cases, *counts, refused, np.nanmax(ratios)]
+    return dict(zip(FAULT_COLUMNS, figures, strict=True))
+
+
+FAULT_COLUMNS = {"fault of joint": "", "robots": ".0f", "torque named": ".0f", "direction named": ".0f",
+                 "ratio named": ".0f", "K refused": ".0f", "largest error of K, σ": ".1f"}  # fmt: skip
+
+
+def faults(cases: int) -> Table:
+    """Return the table of named faults."""
+    rows = tuple(faulty(fault, sensors, cases) for sensors in (3, 6) for fault in FAULTS)
+    return Table("arm_side", f"Wrong signs and ratios, {cases} robots each", FAULT_COLUMNS, rows)
+
+
 def measure(quick: bool, cases: int = 50) -> Iterator[Table]:
     """Return the table for ``python -m benchmarks arm_side``."""
     cases = 1 if quick else cases
@@ -59,5 +103,6 @@ def measure(quick: bool, cases: int = 50) -> Iterator[Table]:
 
 
 if __name__ == "__main__":
-    for each in measure(False, int(sys.argv[1]) if len(sys.argv) > 1 else 50):
+    number = int(sys.argv[1]) if len(sys.argv) > 1 else 50
+    for each in [faults(number)] if "faults" in sys.argv else measure(False, number):
         print(each.markdown(), flush=True)

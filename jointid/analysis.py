@@ -303,7 +303,7 @@ def analyse_arm_side(study: Study) -> ArmSideAnalysis:
     """
     records, robot = study.motion_records, study.arm_side_robot()
     fit, left_out = identify_arm_side(records, robot), left_out_error(records, robot)
-    of_motors = fit.motors.contradicted, fit.motors.misplaced
+    of_motors = fit.motors.contradicted, fit.motors.misplaced, fit.motors.reversed.torque
     found = arm_side_findings(
         fit.K, fit.standard_error, fit.reasons, study.sensed_joints, left_out, *of_motors
     )

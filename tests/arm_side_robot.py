@@ -104,7 +104,7 @@ def motion_record(
     def motors(t: np.ndarray) -> np.ndarray:
         q, velocity = links(t), (links(t + h) - links(t - h)) / (2 * h)
         s, change = torque(t), (torque(t + h) - torque(t - h)) / (2 * h)
-        K = np.r_[truth.K, np.full(3, 1e6)]
+        K = np.r_[truth.K, np.full(6 - truth.K.size, 1e6)]
         friction = truth.hysteresis * np.tanh(velocity / 3e-3)
         friction += truth.rest * np.exp(-np.abs(velocity) / 0.01)
         error = friction * ARC_SECOND + truth.transmission_error(q)
@@ -116,11 +116,11 @@ def motion_record(
     velocity = (after - before) / (2 * h)
     tau = torque(t) / N + J * N * acceleration + 1.5 * np.tanh(velocity / 3e-3) + 5 * velocity
     arm = np.full(theta.shape, np.nan)
-    noise = np.zeros((t.size, SENSORS))
+    noise = np.zeros((t.size, truth.K.size))
     for i in range(2, t.size):  # a lightly damped structure near 10 Hz
-        noise[i] = 1.88 * noise[i - 1] - 0.942 * noise[i - 2] + rng.normal(size=SENSORS)
+        noise[i] = 1.88 * noise[i - 1] - 0.942 * noise[i - 2] + rng.normal(size=truth.K.size)
     noise *= truth.vibration * ARC_SECOND / noise.std()
-    for j in range(SENSORS):
+    for j in range(truth.K.size):
         arm[:, j] = links(t - truth.skew_s[j])[:, j] + noise[:, j] + 1e-3 * (j + 1)
         arm[:, j] = np.round(arm[:, j] / truth.resolution_rad) * truth.resolution_rad
     theta = np.round(theta * N / 1e-5) * 1e-5

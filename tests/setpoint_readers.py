@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import re
+from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lsim
 
-from jointid import Elasticity, Inertia, JointIdError, MotorFriction
+from jointid import Elasticity, Inertia, JointIdError, MotorFriction, RobotModel
 from jointid.arrays import Floats
 from jointid.setpoints.experiment import Experiment
 from jointid.setpoints.file_format import SetPoints
@@ -20,6 +22,7 @@ from jointid.setpoints.robot_limits import RobotLimits
 from jointid.setpoints.simulated_experiment import SimulatedExperiment, simulate_experiment
 from jointid.uncertainty.planned_records import PlannedRecords, planned_records
 
+SIX = RobotModel.load(Path(__file__).parents[1] / "sample_data" / "six_axis_robot.toml")
 NUMBER = r"[-+]?\d+\.\d+"
 
 
@@ -107,13 +110,16 @@ class Trial(NamedTuple):
 
 
 def random_trial(seed: int) -> Trial:
-    """Up to three joints; limits that a third of the plans exceed or so."""
+    """Up to three joints, or a robot of six in a random pose; limits that many plans exceed."""
     rng = np.random.default_rng([seed, 14])
-    n = int(rng.integers(1, 4))
-    root = rng.normal(size=(n, n))
-    M2 = root @ root.T / n + 0.5 * np.eye(n)
-    inertia = Inertia(M=rng.uniform(5e-4, 3e-3, n), M2=3e-3 * M2)
+    n = int(rng.choice([1, 2, 3, 6]))
     elasticity = Elasticity(K=rng.uniform(8, 60, n), D=rng.uniform(0.01, 0.1, n))
+    if n == 6:
+        inertia = replace(SIX.inertia(rng.uniform(-1, 1, n)), shared=None, shared_gravity=None)
+    else:
+        root = rng.normal(size=(n, n))
+        M2 = root @ root.T / n + 0.5 * np.eye(n)
+        inertia = Inertia(M=rng.uniform(5e-4, 3e-3, n), M2=3e-3 * M2)
     count = 2
     frequency = 10 ** rng.uniform(1.2, 1.6, count)
     torque = rng.normal(size=(count, n)) + 1j * rng.normal(size=(count, n))
@@ -121,7 +127,7 @@ def random_trial(seed: int) -> Trial:
     kind = str(rng.choice(KINDS))
     if frequency.max() < 1.3 * frequency.min():
         kind = "sines"
-    ratio = rng.uniform(40, 180, n) * rng.choice([-1, 1], n)
+    ratio = SIX.gear_ratio if n == 6 else rng.uniform(40, 180, n) * rng.choice([-1, 1], n)
     drift = rng.uniform(-0.5, 0.5, n) * (rng.random() < 0.2)
     settings = {
         "kind": kind,
@@ -130,16 +136,16 @@ def random_trial(seed: int) -> Trial:
         "repeats": int(rng.random() < 0.05) + 1,
         "velocity_rad_s": drift,
     }
-    start = rng.uniform(-90, 90, 6)
+    start, room = rng.uniform(-90, 90, 6), 10 ** (0.08 * (n - 1))
     moving = start[:n]
     robot = RobotLimits(
         gear_ratio=ratio,
         start_deg=start,
-        lower_deg=moving - 10 ** rng.uniform(-1.0, 1.5, n),
-        upper_deg=moving + 10 ** rng.uniform(-1.0, 1.5, n),
-        velocity_deg_s=10 ** rng.uniform(0.5, 2.5, n),
-        acceleration_deg_s2=10 ** rng.uniform(2.5, 4.5, n),
-        torque_Nm=10 ** rng.uniform(-0.2, 1.5, n),
+        lower_deg=moving - room * 10 ** rng.uniform(-1.0, 1.5, n),
+        upper_deg=moving + room * 10 ** rng.uniform(-1.0, 1.5, n),
+        velocity_deg_s=room * 10 ** rng.uniform(0.5, 2.5, n),
+        acceleration_deg_s2=room * 10 ** rng.uniform(2.5, 4.5, n),
+        torque_Nm=room * 10 ** rng.uniform(-0.2, 1.5, n),
     )
     coulomb = rng.uniform(0, 0.1, n) * (rng.random() < 0.2)
     file_format = str(rng.choice(["csv", "ros2", "ur", "egm", "rsi"]))
@@ -208,8 +214,10 @@ def torque_share(file: File, trial: Trial) -> float:
     moved = np.radians(file.position_deg[:, :n] - trial.robot.start_deg[:n]) * trial.robot.gear_ratio
     curve, time = make_interp_spline(file.time_s, moved, k=5), np.arange(0, file.time_s[-1], 2e-4)
     angle, velocity, acceleration = (curve(time, order) for order in range(3))
-    drive = np.linalg.solve(M2, np.hstack([np.diag(K), np.diag(D)]))
-    A = np.vstack([np.eye(2 * n)[n:], -drive])
+    springs, gravity = np.hstack([np.diag(K), np.diag(D)]), np.zeros((n, 2 * n))
+    gravity[:, :n] = np.broadcast_to(trial.inertia.gravity, (n, n))
+    drive = np.linalg.solve(M2, springs)
+    A = np.vstack([np.eye(2 * n)[n:], -np.linalg.solve(M2, springs + gravity)])
     B = np.vstack([np.zeros((n, 2 * n)), drive])
     arm = lsim((A, B, np.eye(2 * n), 0 * B), np.hstack([angle, velocity]), time)[1]
     torque = trial.inertia.M * acceleration + K * (angle - arm[:, :n]) + D * (velocity - arm[:, n:])

@@ -49,8 +49,9 @@ from jointid.arm_side.band_limited import GaussianFilter, band_limited
 from jointid.arm_side.candidates import clear_moves
 from jointid.arm_side.left_out import left_out_error
 from jointid.arm_side.mixed_model import Estimate
-from jointid.arm_side.payload import MotorTorques, payload_from_motors
+from jointid.arm_side.payload import MotorTorques, Signs, payload_from_motors
 from jointid.arm_side.position_map import position_map
+from jointid.arm_side.reversed_joints import reversed_joints
 from jointid.arm_side.terms import Ripple, joint_torque
 from jointid.cli import app
 from jointid.cli.files import warn_of_sensors
@@ -70,6 +71,7 @@ from jointid.importing import (
 )
 from jointid.reporting.blocks import Paragraph
 from jointid.reporting.report import make_report, to_html, to_pdf
+from jointid.small_matrices import one_thread
 from jointid.study import fits_with_motion
 from jointid.uncertainty.comparison import comparable, compare
 from jointid.verdict.evidence import problem
@@ -78,6 +80,7 @@ from tests.arm_side_robot import ARC_SECOND, ROBOT, SENSORS, Truth, motion_recor
 
 TRUTH = Truth(K=np.array([3e6, 5e6, 4e6]), skew_s=np.full(SENSORS, 3e-3), payload_kg=150.0)
 INERTIA = Inertia(M=np.ones(6), M2=np.eye(6))
+LINKS = ROBOT.links
 KNOWN = ROBOT.with_payload(mass=150.0, mass_std=0.0)
 
 
@@ -430,6 +433,73 @@ def motor_torques(record: MotionRecord, robot: RobotModel) -> MotorTorques:
     return payload_from_motors([record], [motion], robot, 0.03, *of_model, np.zeros(4))
 
 
+@cache
+def short_record() -> MotionRecord:
+    return motion_record(TRUTH, 3, seconds=6.0, rate_hz=100.0)
+
+
+def wrong_signs(record: MotionRecord, robot: RobotModel) -> Signs:
+    """Wrong signs by the motor torques of one record."""
+    with one_thread():
+        return reversed_joints([record], [band_limited(record, robot)], robot, 0.03)
+
+
+@pytest.mark.parametrize("joint", tries((3, 4), long=(0, 1, 2, 3, 4)))
+def test_a_reversed_torque_or_joint_is_named(joint: int) -> None:
+    """Friction dominates the wrist: its torques may be reversed and hardly contradict the model.
+
+    With axis 5 turning the other way, K was up to 13 σ and 72 % off, mostly without a word.
+    """
+    sign = np.where(np.arange(6) == joint, -1.0, 1.0)
+    given, turned = short_record(), replace(ROBOT, coupling=ROBOT.coupling * sign)
+    torque, angle = given.tau_Nm * sign, given.theta_rad * sign
+    of_torque = wrong_signs(replace(given, tau_Nm=torque), ROBOT)
+    of_axis = wrong_signs(given, turned)
+    of_angle = wrong_signs(replace(given, theta_rad=angle), ROBOT)
+    for found, in_torque, in_axis in ((of_torque, 1, 0), (of_axis, 0, 1), (of_angle, 1, 1)):
+        assert np.array_equal(found.torque, in_torque * (sign < 0))
+        assert np.array_equal(found.axis, in_axis * (sign < 0))
+
+
+@pytest.mark.parametrize("seed", range(tries(2, nightly=40)))
+def test_a_model_five_per_cent_wrong_has_its_signs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mass, center = (
+        each * (1 + 0.05 * rng.normal(size=each.shape)) for each in (LINKS.mass, LINKS.center)
+    )
+    wrong = replace(ROBOT, links=replace(LINKS, mass=mass, center=center))
+    given = motion_record(
+        TRUTH, seed, seconds=3.0 + 3 * (seed % 4), amplitude=float(rng.uniform(0.1, 1))
+    )
+    noise = rng.normal(0, rng.choice([0.1, 1.0]), given.tau_Nm.shape)
+    found = wrong_signs(replace(given, tau_Nm=given.tau_Nm + noise), wrong)
+    assert not found.torque.any()
+    assert not found.axis.any()
+
+
+def test_reversed_torques_of_a_last_axis_are_named_by_its_friction() -> None:
+    given = short_record()
+    found = wrong_signs(replace(given, tau_Nm=given.tau_Nm * [1, 1, 1, 1, 1, -1]), ROBOT)
+    assert np.flatnonzero(found.torque).tolist() == [5]
+    assert not found.axis.any()
+
+
+def test_a_joint_that_turns_the_other_way_refuses_every_stiffness() -> None:
+    sign = np.array([1, 1, 1, 1, -1, 1])
+    found = identify_arm_side(short_record(), replace(ROBOT, coupling=ROBOT.coupling * sign))
+    assert np.isnan(found.K).all()
+    assert "robot model in which joint 5 turns the other way" in found.reasons[0]
+    assert found.reasons[3].startswith("No sensor")
+    doubted = with_reason("", reversed_torques=sign < 0)
+    assert doubted.caution == "Usable with care: The motor torques of joint 5 have the wrong sign."
+
+
+def test_a_sensor_states_the_gear_ratio_that_it_implies() -> None:
+    wrong = replace(ROBOT, coupling=ROBOT.coupling * np.r_[1, 1, 1.03, 1, 1, 1])
+    reason = identify_arm_side(short_record(), wrong, jackknife=False).reasons[2]
+    assert "a correct sensor implies 250.0, the robot model states 242.7" in reason
+
+
 @pytest.mark.parametrize("joint", [1, 4])
 def test_a_wrong_zero_of_a_joint_angle_is_found_in_the_motor_torques(joint: int) -> None:
     """A zero of joint 2 off by 10 degrees moved K by up to a third, without a warning."""
@@ -637,6 +707,7 @@ def with_reason(
     *joints: int,
     contradicted: np.ndarray | None = None,
     misplaced: np.ndarray | None = None,
+    reversed_torques: np.ndarray | None = None,
 ) -> ArmSideAnalysis:
     """The answer with K of some joints, from 0, refused."""
     known = fit()
@@ -647,7 +718,8 @@ def with_reason(
     sensed, left_out = np.arange(6) < SENSORS, np.full(6, np.nan)
     doubted = known.motors.contradicted if contradicted is None else contradicted
     zeros = known.motors.misplaced if misplaced is None else misplaced
-    findings = arm_side_findings(K, error, reasons, sensed, left_out, doubted, zeros)
+    signs = np.zeros(6, bool) if reversed_torques is None else reversed_torques
+    findings = arm_side_findings(K, error, reasons, sensed, left_out, doubted, zeros, signs)
     return replace(answer(), fit=changed, findings=findings)
 
 

@@ -31,6 +31,8 @@ from jointid import (
     SineRecord,
     Study,
     analyse,
+    extract_phasors,
+    identify_elasticity,
     identify_motion,
     load_study,
     motor_response,
@@ -501,6 +503,17 @@ def test_a_planned_motion_under_heavy_friction_keeps_its_limits() -> None:
     assert 0.8 < largest_motion(plan.records).torque_Nm[0] <= 1.0
     real = simulate_motion(inertia, springs, plan.motion, controller=control, friction=friction)
     assert largest_motion(real).torque_Nm[0] < 1.02
+
+
+def test_a_planned_motion_that_misses_a_resonance_says_so() -> None:
+    """The message was that of the estimator, about columns of records that do not exist yet."""
+    inertia, springs = Inertia([0.0025], [[0.004104]]), Elasticity([43.0], [0.10])
+    records = simulate_records(inertia, springs, [6.0, 12.0, 20.0])
+    fit = identify_elasticity(extract_phasors(records), inertia, method="weighted")
+    limits = MotionLimits(np.array([0.3]), np.array([20.0]), np.array([1.0]))
+    said = r"misses the resonance at 26\.\d Hz. .* raise the highest frequency \(to_hz\) to 31"
+    with pytest.raises(JointIdError, match=said):
+        plan_motion(fit, inertia, Motion("sweep", 2.0, 4.0, 2.0), limits, interval_s=1e-3)
 
 
 @pytest.fixture

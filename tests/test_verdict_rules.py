@@ -129,6 +129,20 @@ def test_a_joint_at_rest_in_nearly_all_records_is_a_warning(
         assert finding.weight % 10 == pytest.approx(0.02 * standing / 10)
 
 
+def test_joints_held_in_every_record_are_a_note(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Play of a held joint made it look 40 % softer, and D of another 60 % smaller, each by 6 σ."""
+    stationary = np.ones((10, 2), bool)
+    monkeypatch.setattr(rules_records, "chosen_friction", lambda *_: case(stationary=stationary))
+    fit = two_joints(friction=case(coulomb=np.zeros(2)))
+    fit.errors = {"coulomb": np.full(2, 0.01)}
+    found = list(rules_records.stationary_joint(case(fit=fit, phasors=case(labels=["r"] * 10))))
+    assert levels(found) == ["note"]
+    assert found[0].title == "Joints 1 and 2 are held in every record"
+    stationary[0, 0] = False
+    found = list(rules_records.stationary_joint(case(fit=fit, phasors=case(labels=["r"] * 10))))
+    assert found[0].title == "Joint 2 is held in every record"
+
+
 def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
     def record(*constant: bool) -> Any:
         return case(constant=np.array(constant), tau_Nm=np.full((9, 2), 1.5), start=2)

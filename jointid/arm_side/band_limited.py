@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -130,6 +131,19 @@ class BandLimited:
         moved = int(np.abs(self.skew_s).max() / self.lowpass.interval_s)
         ends = self.lowpass.reach + min(moved, len(self.time_s) // 8)
         return slice(ends, len(self.time_s) - ends)
+
+
+def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
+    """Drop repeated records: the same noise twice adds no evidence."""
+    found: list[MotionRecord] = []
+    for record in given:
+        if not any(
+            np.array_equal(record.theta_rad, other.theta_rad)
+            and np.array_equal(record.tau_Nm, other.tau_Nm)
+            for other in found
+        ):
+            found.append(record)
+    return found
 
 
 def joint_angles(record: MotionRecord, robot: RobotModel) -> Floats:

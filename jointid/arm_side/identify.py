@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jointid.arm_side.band_limited import BandLimited, band_limited
+from jointid.arm_side.band_limited import BandLimited, band_limited, distinct
 from jointid.arm_side.candidates import Average, Scale, average, clear_moves, noise_of, over_own_move
 from jointid.arm_side.fit import ArmSideFit, JointDeflection
 from jointid.arm_side.mixed_model import Regression
 from jointid.arm_side.payload import payload_from_motors
 from jointid.arm_side.position_map import position_map, tooth_orders
+from jointid.arm_side.reversed_joints import reversed_joints
 from jointid.arm_side.sensor_faults import ALIKE, scale_fault, sensor_faults, share
 from jointid.arm_side.terms import Ripple, joint_terms, joint_torque
 from jointid.arrays import Floats, bounded_number, frozen
@@ -39,8 +40,8 @@ _FIRST_COMPLIANCE = 2e-7
 _ROUNDS, _MOST_ROUNDS, _SETTLED_RAD = 3, 8, 1e-4
 """Rounds, and most of them until the deflection of soft gears settles: gravity depends on it."""
 _SLOW_RAD_S, _SLOW_FRICTION_RAD = 0.02, 1.5e-5
-"""Velocity of a joint below which friction in the gear still changes with it (Stribeck), and the
-deflection by this change: in a joint that hardly moves, it passes for a skew of milliseconds."""
+"""Velocity below which friction in the gear still changes with it (Stribeck), and the deflection by this
+change: in a joint that hardly moves, it passes for a skew of milliseconds."""
 _SKEW_STD_S = 5e-5
 """Difference between the skews of joints that one clock samples."""
 _OTHER_CLOCKS_S = 1e-4
@@ -116,19 +117,6 @@ def identify_arm_side(
         return _identified(distinct(given), robot, band_hz, torque_std, jackknife)
 
 
-def distinct(given: Sequence[MotionRecord]) -> list[MotionRecord]:
-    """Drop repeated records: the same noise twice adds no evidence."""
-    found: list[MotionRecord] = []
-    for record in given:
-        if not any(
-            np.array_equal(record.theta_rad, other.theta_rad)
-            and np.array_equal(record.tau_Nm, other.tau_Nm)
-            for other in found
-        ):
-            found.append(record)
-    return found
-
-
 def _identified(
     given: list[MotionRecord],
     robot: RobotModel,
@@ -152,11 +140,13 @@ def _identified(
             for k, record in enumerate(given):
                 where = record.label or f"motion record {k + 1}"
                 of_record = motions[k], torque[k], payload[k], where
-                faults = [f or scale_fault(j, *of_record) for j, f in enumerate(faults)]
+                faults = [f or scale_fault(j, *of_record, robot) for j, f in enumerate(faults)]
             motions = [m.without(np.array([bool(fault) for fault in faults])) for m in motions]
         parts = [torque_std * each for each in parts]
         known = given, motions, robot, torque_std, torque, payload, parts, mean
         motors = payload_from_motors(*known, zeros=last and jackknife)
+        if last and jackknife:
+            motors = replace(motors, reversed=reversed_joints(given, motions, robot, torque_std))
         torque, mean = [t + p @ motors.mean for t, p in zip(torque, payload, strict=True)], motors.mean
         payload = [p @ motors.root for p in payload]
         data, checked = (given, motions, torque, payload), round_ > 0 and jackknife
@@ -192,7 +182,9 @@ def _identified(
         for j in range(robot.n)
     ]
     reasons = tuple(
-        faults[j] or _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
+        faults[j]
+        or (motors.reversed.refusal if sensors[j] else "")
+        or _reason(joint, bool(sensors[j]), bool(shown[j]), bool(robot.is_coupled[j]))
         for j, joint in enumerate(joints)
     )
     K, error, skew, skew_error, residual = np.full((5, robot.n), np.nan)

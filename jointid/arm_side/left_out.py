@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jointid.arm_side.identify import distinct, identify_arm_side
+from jointid.arm_side.band_limited import distinct
+from jointid.arm_side.identify import identify_arm_side
 from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.records import MotionRecord

@@ -1,6 +1,7 @@
 """The payload from the motor torques, a prior for the deflection's equations; zeros of the angles."""
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from jointid.arm_side.terms import waves
 from jointid.arrays import Floats
 from jointid.records import MotionRecord
 from jointid.robot_models.model import RobotModel
+from jointid.wording import joints_text
 
 _SCALE_STD = 0.15
 """Spread of the torque constant; the gear's efficiency is friction by load."""
@@ -41,6 +43,41 @@ _MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
 """Error of a zero that shifts K noticeably, and in its standard deviations, from which it is reported:
 up to 0.01 rad and 2.5 with links whose masses, inertias and centres are 5 % wrong; 1.0 in a real log."""
 _ROUNDS, _STEP_RAD = 3, 1e-4
+_FROM_MODEL = "K of every joint follows from the torque of the robot model and is wrong until then."
+
+
+@dataclass(frozen=True, eq=False)
+class Signs:
+    """Wrong signs of the joints, masks (n,)."""
+
+    torque: NDArray[np.bool_]
+    """The sign of the logged torque."""
+    axis: NDArray[np.bool_]
+    """The direction of the joint in the robot model, or of its logged angle."""
+
+    @classmethod
+    def right(cls, n: int) -> Self:
+        """Return those of n joints without a wrong sign."""
+        return cls(np.zeros(n, bool), np.zeros(n, bool))
+
+    @property
+    def refusal(self) -> str:
+        """Reason why K of every joint is refused: a joint turns the other way; empty otherwise."""
+        where = self.axis & self.torque, self.axis & ~self.torque
+        of_log, of_model = (np.flatnonzero(joints) + 1 for joints in where)
+        causes = []
+        if of_log.size:
+            causes.append(
+                f"The logged angle of {joints_text(of_log)} has the wrong sign, by the motor torques: "
+                "check the column and its sign."
+            )
+        if of_model.size:
+            causes.append(
+                f"The motor torques fit a robot model in which {joints_text(of_model)} "
+                f"turn{'s' * (of_model.size == 1)} the other way: check the sign of the gear ratio, the "
+                "direction of the axis in the robot model, and the signs of the logged angle and torque."
+            )
+        return " ".join([*causes, _FROM_MODEL] if causes else [])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +98,8 @@ class MotorTorques:
     """Angle to add to each logged joint angle, by these torques, (n,), rad; 0 where not estimated."""
     zero_std: Floats
     """Its standard deviation, shape (n,), rad; infinite where not estimated."""
+    reversed: Signs
+    """Joints whose torque or direction has the wrong sign."""
 
     @property
     def misplaced(self) -> Floats:
@@ -99,11 +138,12 @@ def payload_from_motors(
     with the zeros as given: fitted zeros would widen its error where they are correct.
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
-    torques = _Torques.of(records, motions, robot, torque_std, torque, parts)
-    shared, scale, left = _estimated(torques, _Shared(payload, near, np.ones(4)))
+    torques = Torques.of(records, motions, robot, torque_std, torque, parts)
+    shared, scale, left = estimated(torques, Shared(payload, near, np.ones(4)))
     root = np.linalg.cholesky((shared.covariance + shared.covariance.T) / 2)
     unknown = np.zeros(robot.n), np.full(robot.n, np.inf)
-    found = MotorTorques(shared.mean, np.asarray(root, float), scale, left, *unknown)
+    right = Signs.right(robot.n)
+    found = MotorTorques(shared.mean, np.asarray(root, float), scale, left, *unknown, right)
     if not zeros:
         return found
     start, std = np.append(near, np.zeros(robot.n)), np.repeat([1.0, _ZERO_STD], [4, robot.n])
@@ -112,7 +152,7 @@ def payload_from_motors(
         mass = max(0.0, robot.payload.mass + robot.payload.mass_std * load)
         turned = [_by_zeros(robot.with_payload(mass=mass), m) for m in motions]
         both = [np.concatenate(each, axis=2) for each in zip(payload, turned, strict=True)]
-        shared, _, _ = _estimated(torques, _Shared(both, start, std))
+        shared, _, _ = estimated(torques, Shared(both, start, std))
         load = float(shared.mean[0])
     return replace(found, zero=shared.mean[4:], zero_std=np.sqrt(np.diag(shared.covariance)[4:]))
 
@@ -127,7 +167,7 @@ def _by_zeros(robot: RobotModel, motion: BandLimited) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shared:
+class Shared:
     """Unknowns that all joints share: torques per unit of each, and what is known before the fit."""
 
     columns: list[Floats]
@@ -147,7 +187,7 @@ class _Found:
 
 
 @dataclass(frozen=True, eq=False)
-class _Torques:
+class Torques:
     """Torques at the joints in the band, of every record (N, n), N·m."""
 
     motions: list[BandLimited]
@@ -172,7 +212,7 @@ class _Torques:
         torque_std: float,
         model: list[Floats],
         parts: list[Floats],
-    ) -> "_Torques":
+    ) -> "Torques":
         """Reflect the logged torques through the gears, in the band of the motions."""
         back, every = np.linalg.inv(robot.coupling), np.concatenate([m.q for m in motions])
         inertia = np.nan_to_num(robot.rotor_inertia)  # 0 where it is unknown
@@ -186,7 +226,7 @@ class _Torques:
         noise = np.median(np.abs(np.concatenate(fourth)), axis=0) / 0.6745 / np.sqrt(70)  # no motion
         return cls(motions, motor, rotor, model, parts, torque_std * gravity, noise)
 
-    def of_joint(self, j: int, shared: _Shared) -> tuple[Regression, Floats, list[int]]:
+    def of_joint(self, j: int, shared: Shared) -> tuple[Regression, Floats, list[int]]:
         """Equation of joint j where it moves, prior standard deviations, first row of later records.
 
         The columns are those of ``shared``, the parts, gravity as a wave, the torques of model and
@@ -214,12 +254,30 @@ class _Torques:
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         return data, std, np.cumsum([part.size for part in y])[:-1].tolist()
 
+    def enough(self, data: Regression) -> bool:
+        """Whether a joint moves for long enough."""
+        return data.y.size >= _FEWEST
+
+    def fitted(self, data: Regression, std: Floats, later: list[int]) -> Estimate:
+        """Fit the equation of one joint; its noise is that of the residual."""
+        noise = float(data.y.std())
+        lags = int(_MEMORY_S * 8 * self.motions[0].lowpass.band_hz)
+        for _ in range(_ROUNDS):
+            estimate = data.estimate(noise, std)
+            noise = low_frequency_noise(data.residual(estimate), later, lags, _FREEDOM)
+        return data.estimate(noise, std)
+
+    def independent(self, data: Regression) -> tuple[float, float, float]:
+        """Count independent values of an equation; also their resolution and the sampling, both s."""
+        first = self.motions[0].lowpass
+        slow, interval_s = GaussianFilter(first.interval_s, _SLOWER * first.band_hz), first.interval_s
+        resolution_s = 2 * np.sqrt(np.pi) * slow.width_s
+        count = np.sqrt(2) * data.y.size * _step(first) * interval_s / resolution_s
+        return float(count), float(resolution_s), interval_s
+
     def unexplained(self, j: int, data: Regression, fitted: Estimate) -> float:
         """Part of the torque of joint j that only a wrong model leaves: lower confidence limit, rms."""
-        first = self.motions[0].lowpass
-        slow, interval = GaussianFilter(first.interval_s, _SLOWER * first.band_hz), first.interval_s
-        resolution_s = 2 * np.sqrt(np.pi) * slow.width_s
-        independent = np.sqrt(2) * data.y.size * _step(first) * interval / resolution_s
+        independent, resolution_s, interval = self.independent(data)
         freedom = max(independent - _FREEDOM, 0.25 * independent)
         left = data.residual(fitted).var() * independent / chdtri(freedom, _CHANCE)
         left -= self.noise[j] ** 2 * interval / resolution_s
@@ -233,7 +291,7 @@ def _step(lowpass: GaussianFilter) -> int:
     return max(1, int(1 / (8 * lowpass.band_hz * lowpass.interval_s)))
 
 
-def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floats]:
+def estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats]:
     """Estimate the shared unknowns, and the scale and unexplained part of each motor's torque."""
     joints, count = torques.gravity_std.size, shared.std.size
     prior = np.diag(shared.std**-2.0)
@@ -241,14 +299,9 @@ def _estimated(torques: _Torques, shared: _Shared) -> tuple[_Found, Floats, Floa
     scale, left = np.full((2, joints), np.nan)
     for j in range(joints):
         data, std, later = torques.of_joint(j, shared)
-        if data.y.size < _FEWEST:
+        if not torques.enough(data):
             continue
-        noise = float(data.y.std())
-        lags = int(_MEMORY_S * 8 * torques.motions[0].lowpass.band_hz)
-        for _ in range(_ROUNDS):
-            fitted = data.estimate(noise, std)
-            noise = low_frequency_noise(data.residual(fitted), later, lags, _FREEDOM)
-        fitted = data.estimate(noise, std)
+        fitted = torques.fitted(data, std, later)
         scale[j], left[j] = 1 + fitted.beta[-7], torques.unexplained(j, data, fitted)
         seen = std[:count] > 0
         information, of_seen = np.zeros((count, count)), np.ix_(seen, seen)

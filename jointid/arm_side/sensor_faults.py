@@ -7,7 +7,8 @@ import numpy as np
 from jointid.arm_side.band_limited import BandLimited
 from jointid.arrays import Floats
 from jointid.records import MotionRecord
-from jointid.wording import minus
+from jointid.robot_models.model import RobotModel
+from jointid.wording import minus, significant
 
 LEAST_RAD = 1e-4
 """Range of a joint's angle up to which it rests: noise of its encoders."""
@@ -63,15 +64,17 @@ def _fault(motion: BandLimited, j: int, where: str) -> str:
     return COMPUTED if not hardly and _is_computed(motion, j) else ""
 
 
-def _moves_otherwise(moves: str, where: str) -> str:
+def _moves_otherwise(moves: str, where: str, implied: str = "") -> str:
     return (
         f"Its sensor moves {minus(moves)} times as far as its motor and the gear ratio imply "
         f"({where}). Give its angles in rad at the joint, and check its column, its sign and the gear "
-        "ratio; if the gear ratio is wrong, K of the other joints is also wrong."
+        f"ratio{implied}; if the gear ratio is wrong, K of the other joints is also wrong."
     )
 
 
-def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, where: str) -> str:
+def scale_fault(
+    j: int, motion: BandLimited, torque: Floats, payload: Floats, where: str, robot: RobotModel
+) -> str:
     """Reason why the sensor of a joint cannot be used: its scale, or the gear ratio, is slightly wrong.
 
     Nothing else leaves a deflection proportional to the angle that torque (N, n) and its change with the
@@ -90,7 +93,12 @@ def scale_fault(j: int, motion: BandLimited, torque: Floats, payload: Floats, wh
     extra = float(angle @ left) / float(angle @ angle)
     explained = 1 - np.var(left - extra * angle) / np.var(left)
     apart = min(abs(extra) / _SCALE, abs(extra) * np.ptp(motion.q[:, j]) / _MOST_DEFLECTION_RAD) > 1
-    return _moves_otherwise(f"{1 - extra:.4g}", where) if apart and explained > _EXPLAINED else ""
+    if not apart or explained <= _EXPLAINED:
+        return ""
+    given = float(robot.gear_ratio[j])
+    implied, stated = (significant(ratio) for ratio in (given / (1 - extra), given))
+    ratio = f" (a correct sensor implies {implied}, the robot model states {stated})"
+    return _moves_otherwise(f"{1 - extra:.4g}", where, ratio)
 
 
 def _is_computed(motion: BandLimited, j: int) -> bool:

@@ -12,13 +12,14 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import elasticity_labels
 from jointid.estimation.identify_motion import identify_motion
 from jointid.gears.gear import Gear
-from jointid.joints import Inertia
+from jointid.joints import Inertia, resonances
 from jointid.records import MotionRecord, SineRecord
 from jointid.simulation.closed_loop import simulate_motion
 from jointid.simulation.experiment import Controller, Measurement, MotorFriction
 from jointid.simulation.motion import Motion
 from jointid.small_matrices import determined_covariance
 from jointid.uncertainty.chosen_model import identified_friction
+from jointid.wording import enumerated, significant
 
 _ROUNDS, _MOST_ROUNDS = 4, 10
 """Iterations of the amplitude for the limits without Coulomb friction and noise, and with both; these
@@ -109,9 +110,12 @@ def plan_motion(
     measurement = Measurement(position_noise_rad=noise[:n], torque_noise_Nm=noise[n:])
     chosen, made = _within(fit, motion, limits, friction, measurement, interval_s, records)
     prior, gear = fit.prior, "linear" if _gears(fit) is None else "auto"
-    found = identify_motion(
-        made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear=gear
-    )
+    try:
+        found = identify_motion(
+            made, inertia, inertia_std=prior.inertia_std, torque_std=prior.torque_std, gear=gear
+        )
+    except JointIdError as error:  # it is about records, which nobody has made yet
+        raise _too_little(fit, chosen) from error
     size = np.abs(fit.estimate)
     known = np.isfinite(fit.standard_error) | np.isfinite(found.standard_error)
     together = np.where(known, _together(fit, found), np.inf)
@@ -119,6 +123,31 @@ def plan_motion(
         return PlannedMotion(
             chosen, made, elasticity_labels(n), found.standard_error / size, together / size
         )
+
+
+def _too_little(fit: ElasticityFit, motion: Motion) -> JointIdError:
+    """Say why a motion does not determine the springs, and which setting helps."""
+    of_robot, hertz = resonances(fit.inertias[0], fit.elasticity), f"{motion.to_hz:g} Hz"
+    missed = of_robot[(of_robot < motion.from_hz) | (of_robot > motion.to_hz)]
+    what = (
+        f"The planned {motion.kind} from {motion.from_hz:g} to {hertz} does not determine every spring"
+    )
+    if not missed.size:
+        return JointIdError(
+            f"{what} within its limits, although it reaches all resonances: raise the limits of "
+            "position, velocity or torque, or the duration."
+        )
+    ends = {
+        "lower the lowest frequency (from_hz) to {:.2g} Hz": (missed < motion.from_hz, missed.min() / 2),
+        "raise the highest frequency (to_hz) to {:.3g} Hz": (missed > motion.to_hz, 1.2 * missed.max()),
+    }
+    remedy = " and ".join(text.format(value) for text, (mask, value) in ends.items() if mask.any())
+    return JointIdError(f"{what}: it misses {_hertz(missed)}. To reach all resonances, {remedy}.")
+
+
+def _hertz(missed: Floats) -> str:
+    names = enumerated([significant(float(each), 3) for each in missed])
+    return f"the resonance{'s' * (missed.size > 1)} at {names} Hz"
 
 
 def _together(fit: ElasticityFit, found: ElasticityFit) -> Floats:

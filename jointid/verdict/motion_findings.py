@@ -46,10 +46,20 @@ _CHECK_MODEL = (
     "Check the order, signs and zero positions of the joint angles, the order and unit of the torques, "
     "the unit of the time, the payload and the gear ratios."
 )
+_REVERSED = "The motor torques of {} have the wrong sign"
+_DRIVEN = (
+    "With the logged sign, friction would drive the motion or gravity act upwards. The estimates of "
+    "payload and K depend on these torques."
+)
+_CHECK_SIGN = "Check the column and the sign of these torques in the log, and change the sign."
+_UNCHECKED = (
+    "These records do not check their gear ratios, which K of the other joints depends on: compare them "
+    "with the data sheet, or turn each joint by a known angle."
+)
 _ZEROS = "The zero position{} of {} look{} wrong"
 _CHECK_ZEROS = (
-    "Check the zero positions of the joints in the robot model (zero_deg in TOML) and in the log, the "
-    "pose of the base (gravity), and the payload."
+    "Check the zero positions of the joints in the robot model (zero_deg in TOML) and in the log, their "
+    "gear ratios, the pose of the base (gravity), and the payload."
 )
 _ARC_SECONDS = 180 / np.pi * 3600
 
@@ -169,6 +179,7 @@ def arm_side_findings(
     left_out_rad: Floats,
     contradicted: np.ndarray,
     misplaced: Floats,
+    reversed_torques: np.ndarray,
 ) -> tuple[Finding, ...]:
     """Findings on K from sensors behind the gears: joints refused by reason, most important first.
 
@@ -176,9 +187,13 @@ def arm_side_findings(
     error of the deflection predicted for a record left out, NaN where not known; and whether the motor's
     torque contradicts the robot model. ``misplaced``, (2, n), rad, are the angles to add to those
     logged, according to these torques, and their standard deviations; NaN where the zero is right.
+    ``reversed_torques`` are the joints whose logged torque has the wrong sign.
     """
     known, found = np.isfinite(K), []
-    if known.any() and contradicted.any():
+    if known.any() and reversed_torques.any():
+        title = _REVERSED.format(joints_text(np.flatnonzero(reversed_torques) + 1))
+        found.append(warning(title, _DRIVEN, _CHECK_SIGN, 1.0 + K.size))
+    elif known.any() and contradicted.any():
         title = _CONTRADICTED.format(joints_text(np.flatnonzero(contradicted) + 1))
         found.append(warning(title, _IN_MODEL, _CHECK_MODEL, 1.0 + K.size))
     elif known.any() and np.isfinite(misplaced).any():
@@ -187,7 +202,7 @@ def arm_side_findings(
         joints = np.flatnonzero([text == reason for text in reasons])
         title = f"K of {joints_text(joints + 1)} is not determined"
         if sensed.any() and not sensed[joints].any():
-            found.append(Finding("note", title, reason, "", 0.0))
+            found.append(Finding("note", title, reason, _UNCHECKED * bool(known.any()), 0.0))
         elif known.any():
             found.append(warning(title, reason, "", float(joints.size)))
         else:

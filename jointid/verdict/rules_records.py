@@ -22,7 +22,7 @@ from jointid.verdict.evidence import (
     warning,
 )
 from jointid.verdict.steady_state import decimals, joint_share, steady_from, unsettled
-from jointid.wording import counted, percent
+from jointid.wording import counted, joints_text, percent
 
 _HELD = 0.05
 """Amplitude over the joint's largest at the same frequency below which the joint counts as held."""
@@ -198,6 +198,15 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
         return
     stationary = waveforms.stationary
     has_friction = fit.friction.coulomb > 3 * fit.errors["coulomb"]
+    held = np.flatnonzero(stationary.all(axis=0) & ~has_friction) + 1
+    if held.size:
+        yield note(
+            f"{joints_text(held)} {'is' if held.size == 1 else 'are'} held in every record".capitalize(),
+            "If a motor does not move, play in its gear looks like a softer gear, and may change D of "
+            "the joints that move.",
+            "Do not use K and D of held joints. To identify them, move each in some records.",
+            0.0,
+        )
     for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
         names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]
         share = len(names) / len(phasors.labels)
