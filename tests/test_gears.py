@@ -1500,11 +1500,17 @@ def test_signals_of_the_laws_are_those_of_the_robot() -> None:
     assert units.keys() == expected.keys()
     for name, value in expected.items():
         assert units[name] == pytest.approx(value), name
+    with_gap = ParameterLayout.of(1, effects=["backlash"])
+    beyond = laws._beyond_measured(with_gap.named(with_gap.pack(K=K, D=0.1)))
+    s = 1j * omega[:, None] * np.arange(H + 1, 2 * H + 1)  # motor and arm move against each other
+    reduced = 1 / (1 / 0.0025 + 1 / 0.0041)
+    np.testing.assert_allclose(beyond[..., 0], 1 / (s * s * reduced + K + s * 0.1))
+    assert laws._beyond_measured(layout.named(layout.pack(K=K, D=0.1))).shape == (3, 0, 1)
     shape = laws.presliding(np.array([0.01]), H)
     slope = laws.presliding_slope(np.array([0.01]), shape)
     change = (laws.presliding(np.array([0.0101]), H) - laws.presliding(np.array([0.0099]), H)) / 2e-4
     np.testing.assert_allclose(slope, change, rtol=0.02, atol=0.01 * np.abs(change).max())
-    planned = laws.planned(s[:2], 2 * angle[:2])
+    planned = laws.planned(laws.s[:2], 2 * angle[:2])
     np.testing.assert_allclose(planned.angle, 2 * laws.angle[:2])
     assert planned.clear.all()
     assert planned.sines.tolist() == [0, 1]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import exact_phasors
 from random_cases import tries
 
 from benchmarks.independent_robot import MAX_STEP_S, paper_motions, simulate
@@ -20,7 +21,8 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
-from jointid.estimation.estimators.score_tests import PerTurnScores
+from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_fits import completed
 from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders
 from jointid.motion.friction import friction_waveforms
@@ -197,3 +199,49 @@ def test_the_clearest_effect_is_that_of_joints_beyond_chance(
     estimate: Any = SimpleNamespace(cost=100.0, expected_cost=90.0, misfit=1.0, named=None)
     found = _clearest(search, Model(None, delay=False), estimate)
     assert (found and found.orders) == orders
+
+
+def test_the_score_of_an_order_is_the_cost_that_its_wave_saves() -> None:
+    """A ripple of known phase on a robot without noise: all that K and D leave, at its order alone."""
+    rng, n, H, hz = np.random.default_rng(2), 2, 24, np.array([3.0, 5.0, 8.0, 12.0])
+    inertia, true = Inertia(PAPER.M, PAPER.M2), np.concatenate([PAPER.K, PAPER.D])
+    s, z = 2j * np.pi * hz, np.full((4, H, 2 * n), 1e-15 + 0j)
+    z[:, 0, :n] = rng.uniform(0.5, 1.0, (4, n)) * np.exp(2j * np.pi * rng.random((4, n)))
+    for r in range(4):
+        gear, arm = np.diag(PAPER.K + s[r] * PAPER.D), s[r] ** 2 * inertia.M2
+        passed = gear @ (np.eye(n) - np.linalg.solve(arm + gear, gear))
+        z[r, 0, n:] = (s[r] ** 2 * np.diag(inertia.M) + passed) @ z[r, 0, :n]
+    noise = np.tile(np.diag([1e-12, 1e-12, 1e-6, 1e-6]).astype(complex), (4, H, 1, 1))
+    phasors = replace(
+        exact_phasors(hz, z[:, 0, :n], z[:, 0, n:]),
+        harmonics=z, harmonic_covariance=noise, harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    (sine, _) = PerTurn("ripple", (0, 6), (0.0, 0.7)).waves(phasors)
+    z = z + np.concatenate([0 * sine, 0.01 * sine], axis=2)
+    phasors = replace(phasors, tau=z[:, 0, n:], harmonics=z)
+    prior, of_noise = InertiaPrior.of(inertia, 4, n), Noise(noise, np.full(4, 1e6))
+    layout = fitted_layout(prior, None, False)
+    near = layout.named(true)
+    found = scores_per_turn(phasors, prior, near, None, of_noise, False, (), range(1, 9))["ripple"]
+    linear = WhitenedResidual.of(make_problem(phasors, prior, layout, near, None, of_noise), true)
+    columns, rows = linear.columns().reshape(-1, 2 * n), linear.rows.ravel()
+    left = rows - columns @ (np.linalg.lstsq(columns * true, rows, rcond=None)[0] * true)
+    assert found.gain[5, 1] == pytest.approx(left @ left, rel=1e-6)
+    assert found.phase[5, 1] == pytest.approx(0.7, abs=1e-6)
+    others = np.delete(found.gain.ravel(), 11)
+    assert np.all((others >= 0) & (others < 0.9 * found.gain[5, 1]))
+
+
+def test_harmonics_of_the_angle_below_their_noise_do_not_turn_the_waves() -> None:
+    z = np.full((1, 9, 2), 1e-15 + 0j)
+    z[0, 0], z[0, 1, 0] = 0.8, 0.05
+    covariance = np.tile(np.eye(2, dtype=complex) * 1e-8, (1, 9, 1, 1))
+    clean = replace(
+        exact_phasors(np.ones(1), z[:, 0, :1], z[:, 0, 1:]), harmonics=z, harmonic_covariance=covariance
+    )
+    hidden = z.copy()
+    hidden[0, 4:, 0] = 1e-5
+    noisy = replace(clean, harmonics=hidden)
+    waves = turn_waves(clean, np.array([3]))
+    assert np.abs(waves).max() > 0.1
+    np.testing.assert_allclose(turn_waves(noisy, np.array([3])), waves, atol=1e-12)

@@ -292,3 +292,30 @@ def test_a_law_starts_at_shares_of_the_largest_deflection_and_of_a_cubic_law() -
     rise = given["cubic"] * unit**2
     np.testing.assert_allclose([found["piecewise"], found["second_bend"]], [0.73 * rise, 1.33 * rise])
     np.testing.assert_array_equal([found.K, found.D], [given.K, given.D])
+
+
+def test_the_jacobian_of_presliding_friction_is_that_of_the_residual() -> None:
+    """Of a level and an angle, before the filters and lags of their logs."""
+    effects = ("position_filter", "motor_presliding", "lag")
+    problem, _ = problem_of(("position_filter", "lag"))
+    layout, values = ParameterLayout.of(n, effects=effects), dict(TRUE)
+    start = layout.named(
+        layout.pack(
+            motor_presliding=[0.1, 0.2], bristle=[0.3, 0.2],
+            **{name: values[name] for name in ("K", "D", "position_filter", "lag")},
+        )
+    )  # fmt: skip
+    prior = InertiaPrior.of(POSES, 8, n)
+    phasors = replace(
+        exact_phasors(HZ, problem.z[:, 0, :n], problem.z[:, 0, n:]),
+        harmonics=problem.z, harmonic_covariance=problem.noise.covariance,
+        harmonic_rounding=np.zeros(problem.z.shape),
+    )  # fmt: skip
+    problem = make_problem(phasors, prior, layout, start, None, problem.noise)
+    J = Residual.at(problem, start.vector).jacobian(problem.z)
+    for k in range(layout["motor_presliding"].start, layout["bristle"].stop):
+        step = 1e-3 * start.vector[k] * np.eye(layout.size)[k]
+        ahead, behind = (Residual.at(problem, start.vector + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        size = np.linalg.norm(column)
+        assert np.linalg.norm(J[..., k] - column) < 0.01 * size, layout.labels[k]
