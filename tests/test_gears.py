@@ -885,6 +885,9 @@ def test_a_law_follows_from_the_deflection_over_the_torque(law: str, gear: Gear)
     assert plain.values["coulomb"] == pytest.approx(none, abs=1e-4)
     assert rubbing.values["coulomb"][0] == pytest.approx(coulomb[0], rel=0.2)
     assert plain.left < 1e-3
+    driving = law_by_regression(law, *behind_gears(gears, none, -coulomb))
+    assert driving is not None
+    assert driving.values["coulomb"].min() == 0.0  # no friction drives a motor
     damped = law_by_regression(law, *behind_gears(gears, 0.002 * np.array([43.0, 8.6]), none))
     assert damped is not None
     assert damped.values["D"] == pytest.approx(0.002 * np.array([43.0, 8.6]), rel=0.05)
@@ -1240,6 +1243,24 @@ def test_the_balance_at_motors_has_no_velocity_between_records() -> None:
     np.testing.assert_allclose(of_both[:, 1:99], own[:, 1:99], atol=1e-9)
     np.testing.assert_allclose(of_both[:, 101:199], own[:, 1:99], atol=1e-9)
     assert np.abs(of_both[:, 99:101] - own[:, [-1, 0]]).max() < 0.1
+
+
+def test_the_balance_of_a_uniformly_accelerated_motor_is_exact() -> None:
+    """Of two motors from the first step on: torque less inertia and both frictions."""
+    step, count = 4e-3, 50
+    time, acceleration, speed = (
+        step * np.arange(count),
+        np.array([[3.0], [-8.0]]),
+        np.array([[0.1], [0.9]]),
+    )
+    torque = np.stack([np.cos(time), np.sin(time)])
+    motors = moving(speed * time + 0.5 * acceleration * time**2, step, torque)
+    scale, M, viscous, coulomb = np.array([[1.2, 0.9], [0.02, 0.3], [0.5, 0.1], [0.04, 0.2]])
+    velocity = speed + acceleration * time
+    expected = scale[:, None] * torque - M[:, None] * acceleration
+    expected -= viscous[:, None] * velocity + coulomb[:, None] * np.sign(velocity)
+    found = motors.balance(scale, M, viscous, coulomb)[:, 1:-1]
+    np.testing.assert_allclose(found, expected[:, 1:-1], rtol=1e-9)
 
 
 def test_an_arm_at_rest_between_the_flanks_has_a_deflection() -> None:

@@ -29,6 +29,7 @@ from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import (
     _WIDTHS,
     GRID,
+    _freed,
     _hats,
     _slow,
     friction_waveforms,
@@ -358,6 +359,28 @@ def test_slow_stretches_of_a_period_include_reversals_stops_and_that_over_its_en
     assert _slow(np.sin(phase), threshold) == turns
     stopped = np.where(np.arange(GRID) // 50 == 4, 0.0, np.sin(phase))  # and goes on
     assert _slow(stopped, threshold) == [(199, 51, 1.0, 1.0), *turns]
+
+
+@pytest.mark.parametrize(("length", "waveforms"), [(63, 0), (65, 3)])
+def test_a_stop_of_half_a_period_of_the_highest_harmonic_is_resolved(
+    length: int, waveforms: int
+) -> None:
+    """A reversal always is; the sign changes in the middle of it."""
+    assert GRID == 1024
+    velocity, threshold, eight = np.ones((1, 1, GRID)), np.full((1, 1), 0.1), np.array([8])
+    velocity[..., 500 : 499 + length] = 0.0
+    signs = velocity.copy()
+    ((free,),) = _freed(velocity, signs, threshold, eight, 9)
+    assert free.shape == (9, waveforms)
+    turning = velocity.copy()
+    turning[..., 499 + length :] = -1.0
+    turning[..., :200] = -1.0
+    signs = np.sign(turning)
+    ((free,),) = _freed(turning, signs, threshold, eight, 9)
+    assert free.shape == (9, 3 + 2)
+    after = 499 + (length + 1) // 2
+    np.testing.assert_array_equal(signs[0, 0, 200:after], 1.0)
+    np.testing.assert_array_equal(signs[0, 0, after:], -1.0)
 
 
 def test_hats_of_a_reversal_add_to_one() -> None:
