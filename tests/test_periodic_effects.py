@@ -18,13 +18,14 @@ from jointid.analysis import Analysis
 from jointid.estimation import periodic_effects
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_fits import completed
-from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders
+from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders, _fitted
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.per_turn import PerTurn, turn_waves
 from jointid.motion.spectra import motion_phasors
@@ -245,3 +246,22 @@ def test_harmonics_of_the_angle_below_their_noise_do_not_turn_the_waves() -> Non
     waves = turn_waves(clean, np.array([3]))
     assert np.abs(waves).max() > 0.1
     np.testing.assert_allclose(turn_waves(noisy, np.array([3])), waves, atol=1e-12)
+
+
+def test_one_fit_of_each_order_suffices() -> None:
+    """Whatever its phase, which is fitted; not where another part differs."""
+    linear: Any = Model(None, delay=False)
+    known = object.__new__(LikelihoodEstimate)
+    one, turned, other = (
+        PerTurn("ripple", (k, 0), (phase, 0.0)) for k, phase in ((6, 0.4), (6, 0.9), (5, 0.4))
+    )
+    fitted = []
+    sliding: Any = replace(linear, reversal=0.0)
+    before = replace(sliding.with_part("ripple"), per_turn=(one,))
+    fits = SimpleNamespace(tried={before: known}, estimate=lambda model: "new")
+    search: Any = SimpleNamespace(fits=fits, fit=lambda model, *_, **__: fitted.append(model.per_turn))
+    assert _fitted(search, sliding, turned, "near") is known  # type: ignore[arg-type]
+    assert not fitted
+    assert _fitted(search, sliding, other, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
+    assert _fitted(search, replace(sliding, delay=True), one, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
+    assert fitted == [(other,), (one,)]

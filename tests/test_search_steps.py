@@ -13,9 +13,11 @@ from jointid import Inertia, JointIdError
 from jointid.estimation import model_selection, motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
 from jointid.estimation.model_average import _squares_by_orders
 from jointid.estimation.model_growth import _clear_parts
+from jointid.estimation.model_selection import _searched_in_few
 from jointid.estimation.motion_noise import _fit_from
 from jointid.motion.per_turn import PerTurn
 
@@ -316,3 +318,39 @@ def test_clear_parts_are_significant_also_beside_free_reversals(
     fitted.clear()
     _clear_parts(search, RIGID, found)  # without friction
     assert not fitted
+
+
+@pytest.mark.parametrize(
+    ("of_few", "lost", "late", "found", "steps"),
+    [
+        (50.0, True, False, "least", []),  # no model explains some records, hence none all
+        (3.0, False, False, "best", ["fit"]),
+        (3.0, True, True, "least", ["fit"]),
+        (3.0, True, False, "least", ["fit", "climb"]),
+    ],
+)
+def test_a_model_of_few_records_is_the_start_for_all(
+    monkeypatch: pytest.MonkeyPatch, of_few: float, lost: bool, late: bool, found: str, steps: list[str]
+) -> None:
+    done: list[str] = []
+    estimate = object.__new__(LikelihoodEstimate)
+    object.__setattr__(estimate, "p", np.zeros(2))
+    object.__setattr__(estimate, "layout", SimpleNamespace(named=lambda p: "near"))
+    chosen = SimpleNamespace(model=SLIDING, estimate=estimate)
+    few = SimpleNamespace(fits=SimpleNamespace(least_misfit=of_few), has_two_laws=True)
+
+    def fit(model: Model, near: Any, *, compares: bool) -> None:
+        assert (model, near, compares) == (SLIDING, "near", False)
+        done.append("fit")
+
+    search: Any = SimpleNamespace(
+        fits=SimpleNamespace(least=lambda: "least"), of_rows=lambda rows: few, most=10.0, fit=fit,
+        is_lost=lost, gives_up_late=lambda: late, has_two_laws=False,
+    )  # fmt: skip
+    monkeypatch.setattr(model_selection, "_searched", lambda _: chosen)
+    monkeypatch.setattr(model_selection, "_choice", lambda _, model: model)
+    monkeypatch.setattr(model_selection, "_best", lambda _: "best")
+    monkeypatch.setattr(model_selection, "climb_from_nearest", lambda *_: done.append("climb"))
+    assert _searched_in_few(search, np.arange(3)) == found  # type: ignore[comparison-overlap]
+    assert done == steps
+    assert search.has_two_laws
