@@ -16,6 +16,7 @@ from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
 from jointid.estimation.model_average import _squares_by_orders
+from jointid.estimation.model_climb import fit_first
 from jointid.estimation.model_growth import _clear_parts
 from jointid.estimation.model_selection import _searched_in_few
 from jointid.estimation.motion_noise import _fit_from
@@ -354,3 +355,72 @@ def test_a_model_of_few_records_is_the_start_for_all(
     assert _searched_in_few(search, np.arange(3)) == found  # type: ignore[comparison-overlap]
     assert done == steps
     assert search.has_two_laws
+
+
+FREE, WIDE, LATE = (
+    replace(SLIDING, reversal=0.03),
+    replace(SLIDING, reversal=0.1),
+    Model(None, delay=True),
+)
+
+
+@pytest.mark.parametrize(
+    ("misfits", "facts", "fitted"),
+    [
+        ({RIGID: 1.0}, {}, [RIGID]),
+        ({RIGID: 4.0}, {}, [RIGID, (RIGID, "other")]),
+        ({RIGID: 4.0}, {"is_distorted": True, "may_have_friction": False}, [RIGID]),
+        ({RIGID: 5e3}, {}, [RIGID, (RIGID, "other"), LATE, SLIDING]),
+        ({RIGID: 5e3, LATE: 2.0}, {}, [RIGID, (RIGID, "other"), LATE]),
+        ({SLIDING: 3.0}, {"is_distorted": True}, [SLIDING]),
+        ({SLIDING: 1e3, FREE: 2.0}, {"is_distorted": True}, [SLIDING, (FREE, "near")]),
+        (
+            {SLIDING: 1e3, FREE: 500.0, WIDE: 400.0, RIGID: 5e3}, {"is_distorted": True},
+            [SLIDING, (FREE, "near"), (WIDE, "near"), RIGID, LATE, (FREE, "near")],
+        ),
+        (
+            {SLIDING: 1e3, FREE: 500.0, WIDE: 400.0, RIGID: 2e3}, {"is_distorted": True},
+            [SLIDING, (FREE, "near"), (WIDE, "near"), RIGID, LATE],
+        ),
+        ({SLIDING: 1e3, RIGID: 5.0}, {"is_distorted": True, "certain": False}, [SLIDING, RIGID]),
+        ({SLIDING: 9.0}, {"coulomb": True}, [SLIDING]),
+        ({SLIDING: 900.0, FREE: 50.0}, {"coulomb": True}, [SLIDING, FREE]),
+        ({SLIDING: 9.0}, {"coulomb": True, "has_motions": True}, [SLIDING, ("load", "near")]),
+        ({SLIDING: 2.0}, {"coulomb": True, "has_motions": True}, [SLIDING]),
+    ],
+)  # fmt: skip
+def test_first_models_are_friction_and_a_delay_where_without_them_the_data_are_far(
+    misfits: dict[Model, float], facts: dict[str, Any], fitted: list[Any]
+) -> None:
+    """From the start, or where so named from other values; misfits not given are 10,000."""
+    done: list[Any] = []
+    tried: dict[Model, Any] = {}
+
+    def fit(model: Model, start: str) -> None:
+        done.append(model if start == "start" else (model, start))
+        tried[model] = SimpleNamespace(misfit=misfits.get(model, 1e4), named="near")
+
+    class Search(SimpleNamespace):
+        @property
+        def is_lost(self) -> bool:
+            return not min((each.misfit for each in tried.values()), default=np.inf) < 100.0
+
+    class Start(str):
+        layout = ("coulomb",) if facts.get("coulomb") else ()
+
+    fits = SimpleNamespace(
+        tried=tried, estimate=tried.get, optional=("delay", "friction", "load"),
+        misfit=lambda model: tried[model].misfit if model in tried else np.inf,
+        is_certain=lambda *_: facts.get("certain", True),
+    )  # fmt: skip
+    given = {"is_distorted": False, "may_have_friction": True, "has_motions": False} | facts
+    search: Any = Search(
+        fits=fits, start=Start("start"), base=RIGID, first=(), fit=fit, free_start=lambda: ["other"],
+        may_be_richer=lambda _: True, may_explain=lambda *_: True, **given,
+    )  # fmt: skip
+    fit_first(search)
+    named = [
+        (each[0].effects[0], each[1]) if isinstance(each, tuple) and each[0].effects else each
+        for each in done
+    ]
+    assert named == fitted
