@@ -25,7 +25,7 @@ from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_fits import completed
-from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders, _fitted
+from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders, _fitted, fit_periodic
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.per_turn import PerTurn, turn_waves
 from jointid.motion.spectra import motion_phasors
@@ -265,3 +265,38 @@ def test_one_fit_of_each_order_suffices() -> None:
     assert _fitted(search, sliding, other, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
     assert _fitted(search, replace(sliding, delay=True), one, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
     assert fitted == [(other,), (one,)]
+
+
+@pytest.mark.parametrize(("reversal", "of_friction"), [(None, 0.0), (0.0, 0.0), (0.03, 0.03)])
+@pytest.mark.parametrize("misfit", [1.4, 1.6])
+def test_periodic_effects_are_fitted_beside_friction(
+    monkeypatch: pytest.MonkeyPatch, reversal: float | None, of_friction: float, misfit: float
+) -> None:
+    """Also without gravity, which they may imitate; not where little is left."""
+    effect, model = (
+        PerTurn("ripple", (6, 0), (0.4, 0.0)),
+        Model(reversal, delay=False, effects=("gravity",)),
+    )
+    found = SimpleNamespace(misfit=misfit, named="near")
+    tried: list[tuple[Any, ...]] = []
+    left = [effect]
+
+    def fit_orders(_: Any, model: Model, effect: PerTurn, near: Any) -> None:
+        tried.append((model, effect, near))
+
+    monkeypatch.setattr(periodic_effects, "_clearest", lambda *_: left.pop() if left else None)
+    monkeypatch.setattr(periodic_effects, "_fit_orders", fit_orders)
+    fits = SimpleNamespace(
+        estimate=lambda _: found, optional=(), tried={model: found}, misfit=lambda _: misfit
+    )
+    search: Any = SimpleNamespace(
+        fits=fits, has_motions=True, may_be_periodic=True, is_lost=False, add_per_turn=lambda _: None
+    )
+    assert fit_periodic(search, model) == (misfit > 1.5)
+    sliding = replace(model, reversal=of_friction, per_turn=(effect,))
+    both = [(each, effect, "near") for each in (sliding, sliding.without("gravity"))]
+    assert tried == (both if misfit > 1.5 else [])
+    tried.clear()
+    search.may_be_periodic = False
+    assert not fit_periodic(search, model)
+    assert not tried
