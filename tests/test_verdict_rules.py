@@ -1324,6 +1324,19 @@ def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
     assert motions.tau.real.tolist() == [[1, 0], [0, 1]]
     assert motions.duration_s.tolist() == [8.0, 8.0]
     assert inertias == [given[1]] * 2
+    # Elements of H in one column, in the order H11, H12, H21, H22, have common noise.
+    C = np.diag([1.0, 2.0, 3.0, 4.0])
+    C[0, 2] = C[2, 0] = 0.5
+    both = case(omega=np.array([2.0, 4.0]), H=np.tile(H, (2, 1, 1)), covariance=np.stack([C, 10 * C]))
+    motions, inertias = motion_findings._responses(records, given, {"far": both})
+    assert motions.omega.tolist() == [2.0, 2.0, 4.0, 4.0]
+    assert len(inertias) == 4
+    first, second = np.array([[1, 0.5], [0.5, 3]]), np.diag([2.0, 4.0])
+    for found, expected in zip(
+        motions.covariance, (first / 16, second / 16, 10 * first / 256, 10 * second / 256), strict=True
+    ):
+        np.testing.assert_allclose(found[:2, :2], expected)
+        assert not found[2:].any()
 
 
 # --- records, more
