@@ -1455,6 +1455,19 @@ def test_opposite_changes_of_slope_that_coincide_leave_a_deflection_above_zero()
     assert 0.05 <= one["knee"][0] <= 0.052
 
 
+def test_opposite_changes_of_slope_that_cancel_leave_the_first_deflection() -> None:
+    """And changes whose sum is one unit are shared as any others."""
+    layout = ParameterLayout.of(1, effects=["piecewise"])
+    for bend, last, knee in ((5.0, -5.0, 0.02), (0.25, 0.75, 0.0203)):
+        both = layout.named(
+            layout.pack(K=9.0, D=0.1, piecewise=bend, second_bend=last, knee=0.02, second_knee=4e-4)
+        )
+        one = with_one_bend(both)
+        assert one is not None
+        assert one["piecewise"] == pytest.approx([bend + last])
+        assert one["knee"] == pytest.approx([knee])
+
+
 def test_a_first_slope_at_no_deflection_is_left_out() -> None:
     """In a motion K was 1.3 for 3.39 N·m/rad: the slope up to 12 µrad, which no data show."""
     layout = ParameterLayout.of(1, effects=["piecewise"])

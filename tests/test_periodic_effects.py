@@ -68,6 +68,8 @@ def test_waves_are_those_of_the_position() -> None:
     for found, wave in ((cosine, np.cos(6 * theta)), (sine, np.sin(6 * theta))):
         np.testing.assert_allclose(found[0, :, 0], 2j / t.size * basis @ wave, atol=1e-6)
     assert not turn_waves(phasors, np.array([0])).any()
+    once = turn_waves(phasors, np.array([1]))[1, 0, :, 0]
+    np.testing.assert_allclose(once, 2j / t.size * basis @ np.sin(theta), atol=1e-6)
 
 
 def test_derivatives_are_those_of_the_residual() -> None:
@@ -300,3 +302,13 @@ def test_periodic_effects_are_fitted_beside_friction(
     search.may_be_periodic = False
     assert not fit_periodic(search, model)
     assert not tried
+
+
+def test_a_transmission_error_changes_the_gear_ratio_by_its_slope() -> None:
+    layout = fitted_layout(
+        InertiaPrior.of(Inertia(PAPER.M, PAPER.M2), 1, 2), None, False, ("transmission",)
+    )
+    p = layout.named(layout.pack(transmission=[3e-3, 0.01], transmission_quadrature=[4e-3, 0.0]))
+    estimate: Any = SimpleNamespace(named=p)
+    model = Model(0.0, delay=False, effects=("ripple", "transmission"), per_turn=PER_TURN)
+    np.testing.assert_allclose(model.ratio_error(estimate), [2 * 5e-3, 3 * 0.01])

@@ -319,3 +319,21 @@ def test_the_jacobian_of_presliding_friction_is_that_of_the_residual() -> None:
         column = (ahead - behind) / (2 * step[k])
         size = np.linalg.norm(column)
         assert np.linalg.norm(J[..., k] - column) < 0.01 * size, layout.labels[k]
+
+
+def test_motions_with_exact_derivatives_have_no_terms_of_the_ends() -> None:
+    """Torques by velocity and acceleration are those by the angles; a motor at rest keeps its own."""
+    problem, p = problem_of(("viscous", "position_filter"))
+    plain = Residual.at(problem, p)
+    torque, angle = plain.without_ends()
+    s = problem.s[..., None]
+    motion = np.stack([s * angle, s * s * angle])
+    motion[:, 0] = 0.0
+    at = replace(plain, problem=replace(problem, motion=motion))
+    found = at.without_ends()
+    np.testing.assert_allclose(found[0], torque, atol=1e-9 * np.abs(torque).max())
+    np.testing.assert_allclose(found[1], angle, rtol=1e-9)
+    off = replace(plain, problem=replace(problem, motion=1.1 * motion)).without_ends()
+    own = problem.layout.named(p)
+    less = 0.1 * (s * s * PARALLELOGRAM.M + s * own["viscous"]) * angle
+    np.testing.assert_allclose(off[0][1:4], (torque - less)[1:4], rtol=1e-9)
