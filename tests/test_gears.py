@@ -1090,6 +1090,10 @@ def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
     motors = moving(angle, step, torque)
     found = DrivenGears.solve(motors, laws, np.array([D]), none + M2, none, torque, 0.1)
     assert np.abs(found.delta - delta)[:, 100:-1].max() < 5e-4 * np.abs(delta).max()
+    again = found.on(motors)  # a start for similar parameters, not for another motion
+    assert again is not None
+    np.testing.assert_array_equal(again.delta, found.delta)
+    assert found.on(moving(1.2 * angle, step, torque)) is None
 
 
 @pytest.mark.parametrize("size", [0.1, 0.3])

@@ -8,13 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import ROBOTS
 
-from jointid import Inertia, JointIdError
+from jointid import Elasticity, Inertia, JointIdError, resonances
 from jointid.estimation import model_climb, model_selection, motion_noise
 from jointid.estimation.candidates import Model
+from jointid.estimation.estimators import maximum_likelihood
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
+from jointid.estimation.identify_motion import _highest_hz
 from jointid.estimation.model_average import _squares_by_orders
 from jointid.estimation.model_climb import fit_first, freed
 from jointid.estimation.model_growth import _clear_parts
@@ -528,3 +532,36 @@ def test_no_misfit_is_near_once_the_first_fit_of_motions_was_far(
         phasors, prior, np.arange(2), start, many=True, gives_up=lambda: False
     )
     assert answer == (phasors, "K and D", (SLIDING,), far)
+
+
+@pytest.mark.parametrize(
+    ("rows", "rank", "enough"), [(12, 9, True), (11, 5, True), (11, 6, False), (0, 0, False)]
+)
+def test_equations_beside_free_friction_are_twice_the_parameters(
+    monkeypatch: pytest.MonkeyPatch, rows: int, rank: int, enough: bool
+) -> None:
+    """Of six waveforms, which may depend on each other, and three parameters."""
+    residual = SimpleNamespace(projection=SimpleNamespace(rank=lambda: rank))
+    monkeypatch.setattr(maximum_likelihood, "WhitenedResidual", SimpleNamespace(of=lambda *_: residual))
+    problem: Any = SimpleNamespace(rows=rows, free=SimpleNamespace(shapes=6), ends=None)
+    if enough:
+        maximum_likelihood._require_rows(problem, np.ones(3))
+    else:
+        with pytest.raises(JointIdError, match="too few frequencies" if rows else "No motor moves"):
+            maximum_likelihood._require_rows(problem, np.ones(3))
+
+
+def test_many_equations_are_used_up_to_four_times_the_highest_resonance() -> None:
+    inertia, springs = ROBOTS[2]
+    prior, layout = InertiaPrior.of(inertia, 1, 2), ParameterLayout.of(2)
+    few, many = (exact_lines(count) for count in (2500, 2501))  # four real numbers each
+    begin = layout.named(layout.pack(K=springs.K, D=springs.D))
+    highest = resonances(inertia, Elasticity(springs.K, np.zeros(2)))[-1]
+    assert _highest_hz(many, prior, begin) == pytest.approx(4 * highest)
+    assert _highest_hz(few, prior, begin) == np.inf
+    soft = layout.named(layout.pack(K=[springs.K[0], -1.0], D=springs.D))
+    assert _highest_hz(many, prior, soft) == np.inf
+
+
+def exact_lines(count: int) -> Any:
+    return SimpleNamespace(harmonics=np.ones((1, count, 4), complex), n=2)

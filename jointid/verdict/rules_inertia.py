@@ -246,8 +246,9 @@ def _refitted(evidence: Evidence, prior: InertiaPrior, misfit: float) -> Elastic
             by = identify_each(phasors, prior, ["auto"], start=start, first=model, most=EXPLAINED)
             found = by["auto"]
         elif evidence.has_motions:
-            stds = {"inertia_std": prior.inertia_std, "torque_std": prior.torque_std}
-            found = identify_motion(evidence.records, prior.given, **stds)
+            found = identify_motion(
+                evidence.records, prior.given, inertia_std=prior.inertia_std, torque_std=prior.torque_std
+            )
     return found if found is not None and found.misfit <= EXPLAINED else None
 
 
