@@ -361,6 +361,7 @@ def test_a_model_of_few_records_is_the_start_for_all(
     assert search.has_two_laws
 
 
+LATE_SLIDING = Model(0.0, delay=True)
 FREE, WIDE, LATE = (
     replace(SLIDING, reversal=0.03),
     replace(SLIDING, reversal=0.1),
@@ -391,9 +392,9 @@ def growing(misfits: dict[Model, float], **facts: Any) -> tuple[Any, list[Any]]:
         misfit=lambda model: tried[model].misfit if model in tried else np.inf,
         is_certain=lambda *_: facts.get("certain", True),
     )  # fmt: skip
-    given = {"is_distorted": False, "may_have_friction": True, "has_motions": False} | facts
+    given = {"is_distorted": False, "may_have_friction": True, "has_motions": False, "first": ()} | facts
     search = Search(
-        fits=fits, start=Start("start"), base=RIGID, first=(), fit=fit, free_start=lambda: ["other"],
+        fits=fits, start=Start("start"), base=RIGID, fit=fit, free_start=lambda: ["other"],
         may_be_richer=lambda _: True, may_explain=lambda *_: True, **given,
     )  # fmt: skip
     return search, done
@@ -426,6 +427,8 @@ def gains(**parts: float) -> dict[str, Any]:
         ({SLIDING: 900.0, FREE: 50.0}, {"coulomb": True}, [SLIDING, FREE]),
         ({SLIDING: 9.0}, {"coulomb": True, "has_motions": True}, [SLIDING, ("load", "near")]),
         ({SLIDING: 2.0}, {"coulomb": True, "has_motions": True}, [SLIDING]),
+        # The first model is another one, which has no fit yet.
+        ({SLIDING: 9.0}, {"coulomb": True, "has_motions": True, "first": (LATE_SLIDING,)}, [SLIDING]),
     ],
 )  # fmt: skip
 def test_first_models_are_friction_and_a_delay_where_without_them_the_data_are_far(
