@@ -21,6 +21,7 @@ import json
 import os
 import random
 import resource
+import signal
 import subprocess
 import sys
 import tempfile
@@ -51,6 +52,8 @@ TIMEOUT_S = 60
 """Of a test, far above its CPU time."""
 LONGEST_TEST_S = float(os.environ.get("MUTATION_LONGEST_S", "0.4"))
 """CPU time, with all libraries loaded. Longer tests are left out: they would take most of the time."""
+LONGEST_NOTED_S = 3 * LONGEST_TEST_S + 4
+"""CPU time at which a test ends while its calls are noted and libraries loaded, which takes longer."""
 OPERATORS = (
     "AddNot",
     "NumberReplacer",
@@ -113,7 +116,8 @@ class Tests:
         """Tests and fixtures that call each function."""
         self._limit_s = resource.RLIM_INFINITY
         self._must_pass()  # loads the libraries
-        self._tracing, self._seconds = False, {}
+        self._tracing = False
+        self._seconds = {test: s for test, s in self._seconds.items() if s >= LONGEST_NOTED_S}
         begin = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2])
         self._must_pass()
         spent = sum(resource.getrusage(resource.RUSAGE_CHILDREN)[:2]) - begin
@@ -165,6 +169,7 @@ class Tests:
     def _run(self, answer: Path) -> None:
         """Run the tests and write their outcome; the process ends here."""
         os.chdir(self._tree)
+        signal.signal(signal.SIGPROF, lambda *_: pytest.skip("too long"))
         sys.path[:0] = [str(self._tree), str(self._tree / "tests")]
         os.environ["PYTHONPATH"] = str(self._tree)
         with open(os.devnull, "w") as silent:
@@ -209,9 +214,14 @@ class Tests:
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
         """Note the CPU time of a test, and what it calls."""
         begin = time.process_time()
-        with self._noting(item.nodeid):
-            yield
-        self._seconds[item.nodeid] = time.process_time() - begin
+        if self._tracing:
+            signal.setitimer(signal.ITIMER_PROF, LONGEST_NOTED_S)
+        try:
+            with self._noting(item.nodeid):
+                yield
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            self._seconds[item.nodeid] = time.process_time() - begin
         if self._tracing:  # a fixture may have been made for an earlier test
             fixtures = {f"fixture {name}" for name in getattr(item, "fixturenames", ())}
             for tests in self._calls.values():

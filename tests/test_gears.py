@@ -888,6 +888,9 @@ def test_a_law_follows_from_the_deflection_over_the_torque(law: str, gear: Gear)
     assert plain.values["coulomb"] == pytest.approx(none, abs=1e-4)
     assert rubbing.values["coulomb"][0] == pytest.approx(coulomb[0], rel=0.2)
     assert plain.left < 1e-3
+    driving = law_by_regression(law, *behind_gears(gears, none, -coulomb))
+    assert driving is not None
+    assert driving.values["coulomb"].min() == 0.0  # no friction drives a motor
     damped = law_by_regression(law, *behind_gears(gears, 0.002 * np.array([43.0, 8.6]), none))
     assert damped is not None
     assert damped.values["D"] == pytest.approx(0.002 * np.array([43.0, 8.6]), rel=0.05)
@@ -1106,6 +1109,10 @@ def test_the_deflection_behind_moving_motors_is_that_of_the_equation() -> None:
     motors = moving(angle, step, torque)
     found = DrivenGears.solve(motors, laws, np.array([D]), none + M2, none, torque, 0.1)
     assert np.abs(found.delta - delta)[:, 100:-1].max() < 5e-4 * np.abs(delta).max()
+    again = found.on(motors)  # a start for similar parameters, not for another motion
+    assert again is not None
+    np.testing.assert_array_equal(again.delta, found.delta)
+    assert found.on(moving(1.2 * angle, step, torque)) is None
 
 
 @pytest.mark.parametrize("size", [0.1, 0.3])
@@ -1259,6 +1266,24 @@ def test_the_balance_at_motors_has_no_velocity_between_records() -> None:
     np.testing.assert_allclose(of_both[:, 1:99], own[:, 1:99], atol=1e-9)
     np.testing.assert_allclose(of_both[:, 101:199], own[:, 1:99], atol=1e-9)
     assert np.abs(of_both[:, 99:101] - own[:, [-1, 0]]).max() < 0.1
+
+
+def test_the_balance_of_a_uniformly_accelerated_motor_is_exact() -> None:
+    """Of two motors from the first step on: torque less inertia and both frictions."""
+    step, count = 4e-3, 50
+    time, acceleration, speed = (
+        step * np.arange(count),
+        np.array([[3.0], [-8.0]]),
+        np.array([[0.1], [0.9]]),
+    )
+    torque = np.stack([np.cos(time), np.sin(time)])
+    motors = moving(speed * time + 0.5 * acceleration * time**2, step, torque)
+    scale, M, viscous, coulomb = np.array([[1.2, 0.9], [0.02, 0.3], [0.5, 0.1], [0.04, 0.2]])
+    velocity = speed + acceleration * time
+    expected = scale[:, None] * torque - M[:, None] * acceleration
+    expected -= viscous[:, None] * velocity + coulomb[:, None] * np.sign(velocity)
+    found = motors.balance(scale, M, viscous, coulomb)[:, 1:-1]
+    np.testing.assert_allclose(found, expected[:, 1:-1], rtol=1e-9)
 
 
 def test_an_arm_at_rest_between_the_flanks_has_a_deflection() -> None:
@@ -1453,6 +1478,19 @@ def test_opposite_changes_of_slope_that_coincide_leave_a_deflection_above_zero()
     assert 0.05 <= one["knee"][0] <= 0.052
 
 
+def test_opposite_changes_of_slope_that_cancel_leave_the_first_deflection() -> None:
+    """And changes whose sum is one unit are shared as any others."""
+    layout = ParameterLayout.of(1, effects=["piecewise"])
+    for bend, last, knee in ((5.0, -5.0, 0.02), (0.25, 0.75, 0.0203)):
+        both = layout.named(
+            layout.pack(K=9.0, D=0.1, piecewise=bend, second_bend=last, knee=0.02, second_knee=4e-4)
+        )
+        one = with_one_bend(both)
+        assert one is not None
+        assert one["piecewise"] == pytest.approx([bend + last])
+        assert one["knee"] == pytest.approx([knee])
+
+
 def test_a_first_slope_at_no_deflection_is_left_out() -> None:
     """In a motion K was 1.3 for 3.39 N·m/rad: the slope up to 12 µrad, which no data show."""
     layout = ParameterLayout.of(1, effects=["piecewise"])
@@ -1519,11 +1557,17 @@ def test_signals_of_the_laws_are_those_of_the_robot() -> None:
     assert units.keys() == expected.keys()
     for name, value in expected.items():
         assert units[name] == pytest.approx(value), name
+    with_gap = ParameterLayout.of(1, effects=["backlash"])
+    beyond = laws._beyond_measured(with_gap.named(with_gap.pack(K=K, D=0.1)))
+    s = 1j * omega[:, None] * np.arange(H + 1, 2 * H + 1)  # motor and arm move against each other
+    reduced = 1 / (1 / 0.0025 + 1 / 0.0041)
+    np.testing.assert_allclose(beyond[..., 0], 1 / (s * s * reduced + K + s * 0.1))
+    assert laws._beyond_measured(layout.named(layout.pack(K=K, D=0.1))).shape == (3, 0, 1)
     shape = laws.presliding(np.array([0.01]), H)
     slope = laws.presliding_slope(np.array([0.01]), shape)
     change = (laws.presliding(np.array([0.0101]), H) - laws.presliding(np.array([0.0099]), H)) / 2e-4
     np.testing.assert_allclose(slope, change, rtol=0.02, atol=0.01 * np.abs(change).max())
-    planned = laws.planned(s[:2], 2 * angle[:2])
+    planned = laws.planned(laws.s[:2], 2 * angle[:2])
     np.testing.assert_allclose(planned.angle, 2 * laws.angle[:2])
     assert planned.clear.all()
     assert planned.sines.tolist() == [0, 1]

@@ -12,7 +12,7 @@ from plants import exact_phasors
 from scipy.special import chdtri
 
 from jointid.errors import JointIdError
-from jointid.estimation import candidates, model_fits, model_growth, model_search
+from jointid.estimation import candidates, model_fits, model_growth, model_search, model_selection
 from jointid.estimation.candidates import Fits, Model, dissipates, fundamental_chance
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import ParameterLayout
@@ -695,3 +695,96 @@ def test_a_quick_part_is_fitted_to_many_rows_of_motions_where_it_moves_K(
     part: Any = SimpleNamespace(gain=80.0, possible=(80.0, np.array([shift, 0.0])))
     assert model_growth._is_promising(search, PLAIN, part, "viscous") == fitted
     assert not model_growth._is_promising(search, PLAIN, part, "cubic")
+
+
+@pytest.mark.parametrize(
+    ("joints", "costs", "taken", "fitted"),
+    [
+        (3, {"start": (90.0, 1.24)}, "start", 1),  # explains the data
+        (3, {"start": (90.0, 1.3), 1.0: (90.5, 1.3)}, "start", 2),  # twice the same minimum
+        (3, {"start": (92.0, 1.3), 1.0: (90.0, 1.3), 3.0: (90.5, 1.3)}, 1.0, 3),
+        (3, {"start": (90.0, 1.3), 1.0: (80.0, 1.3), 10.0: (70.0, 1.3), 0.3: (60.0, 1.3)}, 0.3, 5),
+        (2, {"start": (90.0, 1.3), 1.0: (80.0, 1.3)}, "start", 1),
+        (3, {}, "start", 5),
+    ],
+)
+@pytest.mark.parametrize("loose", [False, True])
+def test_held_joints_are_fitted_until_two_starts_agree(
+    monkeypatch: pytest.MonkeyPatch,
+    joints: int,
+    costs: dict[Any, Any],
+    taken: Any,
+    fitted: int,
+    loose: bool,
+) -> None:
+    """With uncertain inertias each fit has exact ones first."""
+    tried: list[tuple[Any, str]] = []
+
+    def fit(_: Any, prior: str, near: Any, *__: Any) -> Any:
+        tried.append((near, prior))
+        if near not in costs:
+            raise JointIdError("no fit")
+        cost, misfit = costs[near]
+        return SimpleNamespace(misfit=misfit, named=near, whole_cost=lambda misfit: cost / misfit)
+
+    monkeypatch.setattr(model_fits, "fit_model", fit)
+    monkeypatch.setattr(model_fits, "regressed", lambda *_, stiff: (stiff, 1.0))
+    exact: Any = "exact"
+    prior: Any = "loose" if loose else exact
+    one: Any = SimpleNamespace(n=joints)
+    found = model_fits._start_with_held(one, prior, exact, "start", one, PLAIN)  # type: ignore[arg-type]
+    assert found == taken
+    assert sum(prior == "exact" for _, prior in tried) == fitted
+    again = [near for near, prior in tried if prior == "loose"]
+    assert again == [near for near in costs if loose and costs[near][1] > 1.25][: len(again)]
+    assert bool(again) == (loose and any(misfit > 1.25 for _, misfit in costs.values()))
+
+
+@pytest.mark.parametrize(
+    ("moves", "model", "beyond", "of_K", "of_D"),
+    [
+        (False, PLAIN, 0.0, 0.0, 0.0),
+        (False, PLAIN.with_part("piecewise"), 0.0, 1e-4, 3e-4),
+        (False, PLAIN.with_part("loss_factor"), 0.0, 1e-4, 3e-4),
+        (False, PLAIN.with_part("cubic"), 0.0, 0.0, 0.0),
+        (True, RUBBING, 0.0, 0.0, 0.0),
+        (True, PLAIN.with_part("loss_factor"), 0.0, 0.0, 0.0),
+        (True, PLAIN.with_part("cubic"), 1.0, 2e-4, 1e-3),
+        (True, PLAIN.with_part("hysteresis"), 4.0, 2e-4, 1e-3),
+        (True, PLAIN.with_part("arm_coulomb"), 1.0, 2e-4, 1e-3),
+        (True, replace(RUBBING, curve=True), 0.0, 2e-4, 1e-3),
+        (True, replace(RUBBING, curve=True).with_part("motor_presliding"), 4.0, 2e-4, 1e-3),
+        (True, RUBBING.with_part("motor_presliding"), 0.0, 0.0, 0.0),
+        (True, replace(RUBBING, curve=True).with_part("cubic"), 1.0, 2e-4, 1e-3),
+        (True, PLAIN.with_part("link"), 0.0, 0.0, 0.0),
+    ],
+)
+def test_the_accuracy_of_waveforms_is_part_of_the_error(
+    monkeypatch: pytest.MonkeyPatch, moves: bool, model: Model, beyond: float, of_K: float, of_D: float
+) -> None:
+    """Beside the spread of other models, of reversals in motions, of link modes and of unseen parts."""
+    found, scored = estimate(model), {"link": 1.0, "lag": 2.0}
+    used: list[Any] = []
+
+    def unseen(_: Any, scored: dict[str, float], prior: Any) -> Any:
+        used.extend(scored)
+        return np.diag([1e-8, 2e-8])
+
+    monkeypatch.setattr(model_selection, "spread", lambda *_: np.diag([1e-7, 2e-7]))
+    monkeypatch.setattr(model_selection, "spread_of_modes", lambda *_: np.diag([1e-6, 2e-6]))
+    monkeypatch.setattr(model_selection, "spread_of_reversals", lambda *_: np.diag([1e-5, 2e-5]))
+    monkeypatch.setattr(model_selection, "spread_of_unseen", unseen)
+    search: Any = SimpleNamespace(
+        fits=SimpleNamespace(tried={model: found}, candidates=lambda best: ("candidates", best)),
+        scores=lambda _: scored, has_motions=moves, prior=None, phasors=SimpleNamespace(n=1),
+    )  # fmt: skip
+    choice = model_selection._choice(search, model)
+    parts = 1e-7 + 1e-8 + 1e-6 * ("link" in model.effects) + 1e-5 * moves
+    expected = np.array([1.0, 2.0]) * parts + beyond * np.array([0.1, 0.01]) ** 2
+    expected += (np.array([of_K, of_D]) * [20.0, 0.1]) ** 2
+    np.testing.assert_allclose(choice.spread, np.diag(expected), rtol=1e-9)
+    assert used == (["lag"] if moves else ["link", "lag"])
+    assert (choice.model, choice.candidates) == (model, ("candidates", model))
+    refused = JointIdError("no fit")
+    search.fits.tried[model] = refused
+    assert model_selection._choice(search, model).estimate is refused

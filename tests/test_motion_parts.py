@@ -29,6 +29,7 @@ from jointid.motion.free_friction import FreeFriction
 from jointid.motion.friction import (
     _WIDTHS,
     GRID,
+    _freed,
     _hats,
     _slow,
     friction_waveforms,
@@ -358,6 +359,28 @@ def test_slow_stretches_of_a_period_include_reversals_stops_and_that_over_its_en
     assert _slow(np.sin(phase), threshold) == turns
     stopped = np.where(np.arange(GRID) // 50 == 4, 0.0, np.sin(phase))  # and goes on
     assert _slow(stopped, threshold) == [(199, 51, 1.0, 1.0), *turns]
+
+
+@pytest.mark.parametrize(("length", "waveforms"), [(63, 0), (65, 3)])
+def test_a_stop_of_half_a_period_of_the_highest_harmonic_is_resolved(
+    length: int, waveforms: int
+) -> None:
+    """A reversal always is; the sign changes in the middle of it."""
+    assert GRID == 1024
+    velocity, threshold, eight = np.ones((1, 1, GRID)), np.full((1, 1), 0.1), np.array([8])
+    velocity[..., 500 : 499 + length] = 0.0
+    signs = velocity.copy()
+    ((free,),) = _freed(velocity, signs, threshold, eight, 9)
+    assert free.shape == (9, waveforms)
+    turning = velocity.copy()
+    turning[..., 499 + length :] = -1.0
+    turning[..., :200] = -1.0
+    signs = np.sign(turning)
+    ((free,),) = _freed(turning, signs, threshold, eight, 9)
+    assert free.shape == (9, 3 + 2)
+    after = 499 + (length + 1) // 2
+    np.testing.assert_array_equal(signs[0, 0, 200:after], 1.0)
+    np.testing.assert_array_equal(signs[0, 0, after:], -1.0)
 
 
 def test_hats_of_a_reversal_add_to_one() -> None:
@@ -1161,3 +1184,44 @@ def test_the_noise_of_a_log_is_that_of_its_noisiest_part(order: int) -> None:
     segments = [SimpleNamespace(torque=t, record=0, torque_variance=np.ones(1)) for t in parts]
     found = times_logged_noise(SimpleNamespace(segments=(*segments, None)))  # type: ignore[arg-type]
     assert found == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_longest_stretches_have_free_friction_up_to_a_share_of_the_equations() -> None:
+    """Shorter ones have bounded friction; those of few periods of the band count as short rests."""
+    H, N = 40, 400
+    slow = [np.array([[10, 30], [100, 130], [200, 225]]), np.array([[50, 70]])]
+    count = np.ceil(2 * np.diff(slow[0])[:, 0] / N * H + 0.5).astype(int)  # values of the band
+
+    def free(most: int) -> list[int]:
+        return [each.shape[1] for each in next(_polynomials(slow, N, np.ones(H, bool), most))]
+
+    assert min(count) > 2  # rests, which are free anyway
+    assert free(0) == [count.sum(), count[0]]
+    short = [np.array([[10, 12], [100, 107], [200, 205]]), np.array([[50, 52]])]
+    values = [int(np.ceil(2 * length / N * H + 0.5)) for length in (7, 5, 2)]
+    for most in range(sum(values) + 2):
+        first, second = (each.shape[1] for each in next(_polynomials(short, N, np.ones(H, bool), most)))
+        kept = sum(
+            c for c, whole in zip(values, np.cumsum(values), strict=True) if whole <= most or c > 2
+        )
+        assert first == kept
+        assert second == (values[2] if values[2] <= most else 0)
+
+
+def test_unknown_torques_of_short_rests_are_those_of_few_periods() -> None:
+    """Two periods of the highest bin are short, and eight are not."""
+    N, v = 600, np.ones((1, 600))
+    v[0, 250:] = -1.0
+    v[0, 100:121] = v[0, 400:481] = 0.0
+    segment = segment_of(v, v, 1e-3, velocity_noise=np.array([0.02]), velocity_blur_s=np.ones(1))
+    *_, unknown, _ = segment_friction(segment, 0.0, np.zeros((1, 0)))
+    periods = 22 / N * segment.highest
+    turn = 1 / N * segment.highest  # between two samples
+    expected = sum(np.ceil(np.pi * each + 0.5) + 1 for each in (periods, turn))
+    assert unknown.in_short_rests.tolist() == [expected]
+
+
+def test_an_angle_without_noise_has_that_of_ten_digits_of_its_size() -> None:
+    still = part_of(np.full((1, 400), 1e-3), np.zeros((1, 400)))
+    found, most = sensor_variances([still], 5.0, np.array([1e-3]))
+    np.testing.assert_allclose(np.sqrt([*found, *most]), [1e-13, 0.0, 0.0])

@@ -164,6 +164,17 @@ def test_bands_of_noise_are_rejected() -> None:
         motion_transfer_matrix([MotionRecord(silent.time_s, angle, silent.tau_Nm, band_hz=BAND_HZ)])
 
 
+def test_a_response_is_shown_where_its_error_is_below_half_of_it() -> None:
+    """With noise of the angles that hides the motion in the upper part of the band."""
+    seen = record(1, 1)
+    noise = 0.005 * np.abs(seen.theta_rad).max() * np.random.default_rng(3).standard_normal((N, 1))
+    found = motion_transfer_matrix([replace(seen, theta_rad=seen.theta_rad + noise)])
+    share = (found.standard_deviation / np.abs(found.H)).ravel()
+    assert found.omega.size > 20
+    assert 0.4 < share.max() < 0.55
+    assert any("does not exceed the noise" in reason for reason in found.rejected)
+
+
 def with_torque_noise(noise_Nm: float) -> list[MotionRecord]:
     rng = np.random.default_rng(8)
     return [

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import exact_phasors
 from random_cases import tries
 
 from benchmarks.independent_robot import MAX_STEP_S, paper_motions, simulate
@@ -17,12 +18,14 @@ from jointid.analysis import Analysis
 from jointid.estimation import periodic_effects
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.residual import Residual
-from jointid.estimation.estimators.score_tests import PerTurnScores
+from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_turn
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_fits import completed
-from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders
+from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders, _fitted, fit_periodic
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.per_turn import PerTurn, turn_waves
 from jointid.motion.spectra import motion_phasors
@@ -65,6 +68,8 @@ def test_waves_are_those_of_the_position() -> None:
     for found, wave in ((cosine, np.cos(6 * theta)), (sine, np.sin(6 * theta))):
         np.testing.assert_allclose(found[0, :, 0], 2j / t.size * basis @ wave, atol=1e-6)
     assert not turn_waves(phasors, np.array([0])).any()
+    once = turn_waves(phasors, np.array([1]))[1, 0, :, 0]
+    np.testing.assert_allclose(once, 2j / t.size * basis @ np.sin(theta), atol=1e-6)
 
 
 def test_derivatives_are_those_of_the_residual() -> None:
@@ -197,3 +202,113 @@ def test_the_clearest_effect_is_that_of_joints_beyond_chance(
     estimate: Any = SimpleNamespace(cost=100.0, expected_cost=90.0, misfit=1.0, named=None)
     found = _clearest(search, Model(None, delay=False), estimate)
     assert (found and found.orders) == orders
+
+
+def test_the_score_of_an_order_is_the_cost_that_its_wave_saves() -> None:
+    """A ripple of known phase on a robot without noise: all that K and D leave, at its order alone."""
+    rng, n, H, hz = np.random.default_rng(2), 2, 24, np.array([3.0, 5.0, 8.0, 12.0])
+    inertia, true = Inertia(PAPER.M, PAPER.M2), np.concatenate([PAPER.K, PAPER.D])
+    s, z = 2j * np.pi * hz, np.full((4, H, 2 * n), 1e-15 + 0j)
+    z[:, 0, :n] = rng.uniform(0.5, 1.0, (4, n)) * np.exp(2j * np.pi * rng.random((4, n)))
+    for r in range(4):
+        gear, arm = np.diag(PAPER.K + s[r] * PAPER.D), s[r] ** 2 * inertia.M2
+        passed = gear @ (np.eye(n) - np.linalg.solve(arm + gear, gear))
+        z[r, 0, n:] = (s[r] ** 2 * np.diag(inertia.M) + passed) @ z[r, 0, :n]
+    noise = np.tile(np.diag([1e-12, 1e-12, 1e-6, 1e-6]).astype(complex), (4, H, 1, 1))
+    phasors = replace(
+        exact_phasors(hz, z[:, 0, :n], z[:, 0, n:]),
+        harmonics=z, harmonic_covariance=noise, harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    (sine, _) = PerTurn("ripple", (0, 6), (0.0, 0.7)).waves(phasors)
+    z = z + np.concatenate([0 * sine, 0.01 * sine], axis=2)
+    phasors = replace(phasors, tau=z[:, 0, n:], harmonics=z)
+    prior, of_noise = InertiaPrior.of(inertia, 4, n), Noise(noise, np.full(4, 1e6))
+    layout = fitted_layout(prior, None, False)
+    near = layout.named(true)
+    found = scores_per_turn(phasors, prior, near, None, of_noise, False, (), range(1, 9))["ripple"]
+    linear = WhitenedResidual.of(make_problem(phasors, prior, layout, near, None, of_noise), true)
+    columns, rows = linear.columns().reshape(-1, 2 * n), linear.rows.ravel()
+    left = rows - columns @ (np.linalg.lstsq(columns * true, rows, rcond=None)[0] * true)
+    assert found.gain[5, 1] == pytest.approx(left @ left, rel=1e-6)
+    assert found.phase[5, 1] == pytest.approx(0.7, abs=1e-6)
+    others = np.delete(found.gain.ravel(), 11)
+    assert np.all((others >= 0) & (others < 0.9 * found.gain[5, 1]))
+
+
+def test_harmonics_of_the_angle_below_their_noise_do_not_turn_the_waves() -> None:
+    z = np.full((1, 9, 2), 1e-15 + 0j)
+    z[0, 0], z[0, 1, 0] = 0.8, 0.05
+    covariance = np.tile(np.eye(2, dtype=complex) * 1e-8, (1, 9, 1, 1))
+    clean = replace(
+        exact_phasors(np.ones(1), z[:, 0, :1], z[:, 0, 1:]), harmonics=z, harmonic_covariance=covariance
+    )
+    hidden = z.copy()
+    hidden[0, 4:, 0] = 1e-5
+    noisy = replace(clean, harmonics=hidden)
+    waves = turn_waves(clean, np.array([3]))
+    assert np.abs(waves).max() > 0.1
+    np.testing.assert_allclose(turn_waves(noisy, np.array([3])), waves, atol=1e-12)
+
+
+def test_one_fit_of_each_order_suffices() -> None:
+    """Whatever its phase, which is fitted; not where another part differs."""
+    linear: Any = Model(None, delay=False)
+    known = object.__new__(LikelihoodEstimate)
+    one, turned, other = (
+        PerTurn("ripple", (k, 0), (phase, 0.0)) for k, phase in ((6, 0.4), (6, 0.9), (5, 0.4))
+    )
+    fitted = []
+    sliding: Any = replace(linear, reversal=0.0)
+    before = replace(sliding.with_part("ripple"), per_turn=(one,))
+    fits = SimpleNamespace(tried={before: known}, estimate=lambda model: "new")
+    search: Any = SimpleNamespace(fits=fits, fit=lambda model, *_, **__: fitted.append(model.per_turn))
+    assert _fitted(search, sliding, turned, "near") is known  # type: ignore[arg-type]
+    assert not fitted
+    assert _fitted(search, sliding, other, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
+    assert _fitted(search, replace(sliding, delay=True), one, "near") == "new"  # type: ignore[arg-type,comparison-overlap]
+    assert fitted == [(other,), (one,)]
+
+
+@pytest.mark.parametrize(("reversal", "of_friction"), [(None, 0.0), (0.0, 0.0), (0.03, 0.03)])
+@pytest.mark.parametrize("misfit", [1.4, 1.6])
+def test_periodic_effects_are_fitted_beside_friction(
+    monkeypatch: pytest.MonkeyPatch, reversal: float | None, of_friction: float, misfit: float
+) -> None:
+    """Also without gravity, which they may imitate; not where little is left."""
+    effect, model = (
+        PerTurn("ripple", (6, 0), (0.4, 0.0)),
+        Model(reversal, delay=False, effects=("gravity",)),
+    )
+    found = SimpleNamespace(misfit=misfit, named="near")
+    tried: list[tuple[Any, ...]] = []
+    left = [effect]
+
+    def fit_orders(_: Any, model: Model, effect: PerTurn, near: Any) -> None:
+        tried.append((model, effect, near))
+
+    monkeypatch.setattr(periodic_effects, "_clearest", lambda *_: left.pop() if left else None)
+    monkeypatch.setattr(periodic_effects, "_fit_orders", fit_orders)
+    fits = SimpleNamespace(
+        estimate=lambda _: found, optional=(), tried={model: found}, misfit=lambda _: misfit
+    )
+    search: Any = SimpleNamespace(
+        fits=fits, has_motions=True, may_be_periodic=True, is_lost=False, add_per_turn=lambda _: None
+    )
+    assert fit_periodic(search, model) == (misfit > 1.5)
+    sliding = replace(model, reversal=of_friction, per_turn=(effect,))
+    both = [(each, effect, "near") for each in (sliding, sliding.without("gravity"))]
+    assert tried == (both if misfit > 1.5 else [])
+    tried.clear()
+    search.may_be_periodic = False
+    assert not fit_periodic(search, model)
+    assert not tried
+
+
+def test_a_transmission_error_changes_the_gear_ratio_by_its_slope() -> None:
+    layout = fitted_layout(
+        InertiaPrior.of(Inertia(PAPER.M, PAPER.M2), 1, 2), None, False, ("transmission",)
+    )
+    p = layout.named(layout.pack(transmission=[3e-3, 0.01], transmission_quadrature=[4e-3, 0.0]))
+    estimate: Any = SimpleNamespace(named=p)
+    model = Model(0.0, delay=False, effects=("ripple", "transmission"), per_turn=PER_TURN)
+    np.testing.assert_allclose(model.ratio_error(estimate), [2 * 5e-3, 3 * 0.01])

@@ -169,3 +169,13 @@ def test_rounding_that_repeats_moves_the_estimate_by_its_gradient() -> None:
     none = repeated_covariance(replace(residual, at=replace(residual.at, problem=problem)), C)
     assert not none[0].any()
     assert none[1] == 0.0
+
+
+def test_the_misfit_is_that_at_the_estimate_with_all_weights() -> None:
+    """The weights of a misfit change the estimate beside a prior; the stated cost is without them."""
+    phasors = drawn(1, 1.0, 6.0)
+    given = Inertia(1.1 * SERIAL.M, 0.95 * SERIAL.M2)
+    fit = identify_elasticity(phasors, given, method="maximum-likelihood", inertia_std=0.02)
+    residual = WhitenedResidual.of(fitted_problem(phasors, fit), fit.parameters.vector)
+    assert fit.misfit > 4
+    assert fit.cost == pytest.approx(residual.cost, rel=1e-9)

@@ -292,3 +292,48 @@ def test_a_law_starts_at_shares_of_the_largest_deflection_and_of_a_cubic_law() -
     rise = given["cubic"] * unit**2
     np.testing.assert_allclose([found["piecewise"], found["second_bend"]], [0.73 * rise, 1.33 * rise])
     np.testing.assert_array_equal([found.K, found.D], [given.K, given.D])
+
+
+def test_the_jacobian_of_presliding_friction_is_that_of_the_residual() -> None:
+    """Of a level and an angle, before the filters and lags of their logs."""
+    effects = ("position_filter", "motor_presliding", "lag")
+    problem, _ = problem_of(("position_filter", "lag"))
+    layout, values = ParameterLayout.of(n, effects=effects), dict(TRUE)
+    start = layout.named(
+        layout.pack(
+            motor_presliding=[0.1, 0.2], bristle=[0.3, 0.2],
+            **{name: values[name] for name in ("K", "D", "position_filter", "lag")},
+        )
+    )  # fmt: skip
+    prior = InertiaPrior.of(POSES, 8, n)
+    phasors = replace(
+        exact_phasors(HZ, problem.z[:, 0, :n], problem.z[:, 0, n:]),
+        harmonics=problem.z, harmonic_covariance=problem.noise.covariance,
+        harmonic_rounding=np.zeros(problem.z.shape),
+    )  # fmt: skip
+    problem = make_problem(phasors, prior, layout, start, None, problem.noise)
+    J = Residual.at(problem, start.vector).jacobian(problem.z)
+    for k in range(layout["motor_presliding"].start, layout["bristle"].stop):
+        step = 1e-3 * start.vector[k] * np.eye(layout.size)[k]
+        ahead, behind = (Residual.at(problem, start.vector + sign * step).r for sign in (1, -1))
+        column = (ahead - behind) / (2 * step[k])
+        size = np.linalg.norm(column)
+        assert np.linalg.norm(J[..., k] - column) < 0.01 * size, layout.labels[k]
+
+
+def test_motions_with_exact_derivatives_have_no_terms_of_the_ends() -> None:
+    """Torques by velocity and acceleration are those by the angles; a motor at rest keeps its own."""
+    problem, p = problem_of(("viscous", "position_filter"))
+    plain = Residual.at(problem, p)
+    torque, angle = plain.without_ends()
+    s = problem.s[..., None]
+    motion = np.stack([s * angle, s * s * angle])
+    motion[:, 0] = 0.0
+    at = replace(plain, problem=replace(problem, motion=motion))
+    found = at.without_ends()
+    np.testing.assert_allclose(found[0], torque, atol=1e-9 * np.abs(torque).max())
+    np.testing.assert_allclose(found[1], angle, rtol=1e-9)
+    off = replace(plain, problem=replace(problem, motion=1.1 * motion)).without_ends()
+    own = problem.layout.named(p)
+    less = 0.1 * (s * s * PARALLELOGRAM.M + s * own["viscous"]) * angle
+    np.testing.assert_allclose(off[0][1:4], (torque - less)[1:4], rtol=1e-9)

@@ -8,14 +8,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants import ROBOTS
 
-from jointid import Inertia, JointIdError
-from jointid.estimation import model_selection, motion_noise
+from jointid import Elasticity, Inertia, JointIdError, resonances
+from jointid.estimation import model_climb, model_selection, motion_noise
 from jointid.estimation.candidates import Model
+from jointid.estimation.estimators import maximum_likelihood
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
+from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.estimators.score_tests import _RIDGE, Score, _further_step
+from jointid.estimation.identify_motion import _highest_hz
 from jointid.estimation.model_average import _squares_by_orders
+from jointid.estimation.model_climb import fit_first, freed
 from jointid.estimation.model_growth import _clear_parts
+from jointid.estimation.model_selection import _searched_in_few
 from jointid.estimation.motion_noise import _fit_from
 from jointid.motion.per_turn import PerTurn
 
@@ -316,3 +323,248 @@ def test_clear_parts_are_significant_also_beside_free_reversals(
     fitted.clear()
     _clear_parts(search, RIGID, found)  # without friction
     assert not fitted
+
+
+@pytest.mark.parametrize(
+    ("of_few", "lost", "late", "found", "steps"),
+    [
+        (50.0, True, False, "least", []),  # no model explains some records, hence none all
+        (3.0, False, False, "best", ["fit"]),
+        (3.0, True, True, "least", ["fit"]),
+        (3.0, True, False, "least", ["fit", "climb"]),
+    ],
+)
+def test_a_model_of_few_records_is_the_start_for_all(
+    monkeypatch: pytest.MonkeyPatch, of_few: float, lost: bool, late: bool, found: str, steps: list[str]
+) -> None:
+    done: list[str] = []
+    estimate = object.__new__(LikelihoodEstimate)
+    object.__setattr__(estimate, "p", np.zeros(2))
+    object.__setattr__(estimate, "layout", SimpleNamespace(named=lambda p: "near"))
+    chosen = SimpleNamespace(model=SLIDING, estimate=estimate)
+    few = SimpleNamespace(fits=SimpleNamespace(least_misfit=of_few), has_two_laws=True)
+
+    def fit(model: Model, near: Any, *, compares: bool) -> None:
+        assert (model, near, compares) == (SLIDING, "near", False)
+        done.append("fit")
+
+    search: Any = SimpleNamespace(
+        fits=SimpleNamespace(least=lambda: "least"), of_rows=lambda rows: few, most=10.0, fit=fit,
+        is_lost=lost, gives_up_late=lambda: late, has_two_laws=False,
+    )  # fmt: skip
+    monkeypatch.setattr(model_selection, "_searched", lambda _: chosen)
+    monkeypatch.setattr(model_selection, "_choice", lambda _, model: model)
+    monkeypatch.setattr(model_selection, "_best", lambda _: "best")
+    monkeypatch.setattr(model_selection, "climb_from_nearest", lambda *_: done.append("climb"))
+    assert _searched_in_few(search, np.arange(3)) == found  # type: ignore[comparison-overlap]
+    assert done == steps
+    assert search.has_two_laws
+
+
+LATE_SLIDING = Model(0.0, delay=True)
+FREE, WIDE, LATE = (
+    replace(SLIDING, reversal=0.03),
+    replace(SLIDING, reversal=0.1),
+    Model(None, delay=True),
+)
+
+
+def growing(misfits: dict[Model, float], **facts: Any) -> tuple[Any, list[Any]]:
+    """A search whose fits have these misfits, and its fits: models, with the name of another start."""
+    done: list[Any] = []
+    tried: dict[Model, Any] = {}
+
+    def fit(model: Model, start: str, *, compares: bool = True) -> None:
+        done.append(model if start == "start" else (model, start))
+        misfit = misfits.get(model, 1e4)
+        tried[model] = SimpleNamespace(misfit=misfit, cost=misfit, named="near")
+
+    class Search(SimpleNamespace):
+        @property
+        def is_lost(self) -> bool:
+            return not min((each.misfit for each in tried.values()), default=np.inf) < 100.0
+
+    class Start(str):
+        layout = ("coulomb",) if facts.get("coulomb") else ()
+
+    fits = SimpleNamespace(
+        tried=tried, estimate=tried.get, optional=("delay", "friction", "load"),
+        misfit=lambda model: tried[model].misfit if model in tried else np.inf,
+        is_certain=lambda *_: facts.get("certain", True),
+    )  # fmt: skip
+    given = {"is_distorted": False, "may_have_friction": True, "has_motions": False, "first": ()} | facts
+    search = Search(
+        fits=fits, start=Start("start"), base=RIGID, fit=fit, free_start=lambda: ["other"],
+        may_be_richer=lambda _: True, may_explain=lambda *_: True, **given,
+    )  # fmt: skip
+    return search, done
+
+
+def gains(**parts: float) -> dict[str, Any]:
+    return {part: SimpleNamespace(gain=gain) for part, gain in parts.items()}
+
+
+@pytest.mark.parametrize(
+    ("misfits", "facts", "fitted"),
+    [
+        ({RIGID: 1.0}, {}, [RIGID]),
+        ({RIGID: 4.0}, {}, [RIGID, (RIGID, "other")]),
+        ({RIGID: 4.0}, {"is_distorted": True, "may_have_friction": False}, [RIGID]),
+        ({RIGID: 5e3}, {}, [RIGID, (RIGID, "other"), LATE, SLIDING]),
+        ({RIGID: 5e3, LATE: 2.0}, {}, [RIGID, (RIGID, "other"), LATE]),
+        ({SLIDING: 3.0}, {"is_distorted": True}, [SLIDING]),
+        ({SLIDING: 1e3, FREE: 2.0}, {"is_distorted": True}, [SLIDING, (FREE, "near")]),
+        (
+            {SLIDING: 1e3, FREE: 500.0, WIDE: 400.0, RIGID: 5e3}, {"is_distorted": True},
+            [SLIDING, (FREE, "near"), (WIDE, "near"), RIGID, LATE, (FREE, "near")],
+        ),
+        (
+            {SLIDING: 1e3, FREE: 500.0, WIDE: 400.0, RIGID: 2e3}, {"is_distorted": True},
+            [SLIDING, (FREE, "near"), (WIDE, "near"), RIGID, LATE],
+        ),
+        ({SLIDING: 1e3, RIGID: 5.0}, {"is_distorted": True, "certain": False}, [SLIDING, RIGID]),
+        ({SLIDING: 9.0}, {"coulomb": True}, [SLIDING]),
+        ({SLIDING: 900.0, FREE: 50.0}, {"coulomb": True}, [SLIDING, FREE]),
+        ({SLIDING: 9.0}, {"coulomb": True, "has_motions": True}, [SLIDING, ("load", "near")]),
+        ({SLIDING: 2.0}, {"coulomb": True, "has_motions": True}, [SLIDING]),
+        # The first model is another one, which has no fit yet.
+        ({SLIDING: 9.0}, {"coulomb": True, "has_motions": True, "first": (LATE_SLIDING,)}, [SLIDING]),
+    ],
+)  # fmt: skip
+def test_first_models_are_friction_and_a_delay_where_without_them_the_data_are_far(
+    misfits: dict[Model, float], facts: dict[str, Any], fitted: list[Any]
+) -> None:
+    """From the start, or where so named from other values; misfits not given are 10,000."""
+    search, done = growing(misfits, **facts)
+    fit_first(search)
+    named = [
+        (each[0].effects[0], each[1]) if isinstance(each, tuple) and each[0].effects else each
+        for each in done
+    ]
+    assert named == fitted
+
+
+@pytest.mark.parametrize(
+    ("model", "sharp", "free", "moves", "tries", "nearer"),
+    [
+        (SLIDING, 50.0, 36.0, False, True, False),
+        (SLIDING, 50.0, 34.0, False, True, True),
+        (SLIDING, 1.12, 1.09, False, True, True),
+        (SLIDING, 1.09, 0.5, False, False, False),
+        (SLIDING, 50.0, 1.0, True, False, False),
+        (RIGID, 50.0, 1.0, False, False, False),
+    ],
+)
+def test_free_reversals_are_taken_where_they_come_clearly_nearer(
+    model: Model, sharp: float, free: float, moves: bool, tries: bool, nearer: bool
+) -> None:
+    search, done = growing({model: sharp, FREE: free}, has_motions=moves)
+    search.fit(model, "start")
+    assert freed(search, model) == (FREE if nearer else model)
+    assert done[1:] == [(FREE, "near")] * tries
+    assert freed(search, model) == (FREE if nearer else model)  # fitted once
+    assert len(done) == 1 + tries
+
+
+@pytest.mark.parametrize(
+    ("scores", "climbs"),
+    [
+        (gains(lag=51.0, gravity=50.0), True),  # of a cost of 100
+        (gains(lag=49.0, gravity=48.0), False),
+        (gains(lag=49.0, gravity=24.0), True),  # leads
+        (gains(lag=9.0, gravity=1.0), False),
+        (gains(lag=11.0, gravity=1.0), True),
+        (gains(cubic=49.0, backlash=48.0, gravity=24.0), True),  # laws imitate each other
+        (gains(gravity=49.0, cubic=24.0, backlash=25.0), False),
+        (gains(lag=90.0), False),  # nothing to compare with
+    ],
+)
+def test_parts_are_added_far_from_the_data_where_one_leads(
+    monkeypatch: pytest.MonkeyPatch, scores: dict[str, Any], climbs: bool
+) -> None:
+    search, _ = growing({RIGID: 100.0}, scores=lambda _: scores)
+    search.fit(RIGID, "start")
+    climbed = list[Any]()
+    monkeypatch.setattr(model_climb, "climbed", lambda *given: climbed.append(given))
+    model_climb.climb_from_nearest(search, 0.5, 0.3)
+    assert climbed == [(search, RIGID, 0.3)] * climbs
+    assert search.is_lost
+
+
+@pytest.mark.parametrize(("leads", "from_sharp"), [("arm_coulomb", True), ("gravity", False)])
+def test_free_reversals_do_not_hide_friction_at_the_arm(
+    monkeypatch: pytest.MonkeyPatch, leads: str, from_sharp: bool
+) -> None:
+    scores = gains(arm_coulomb=300.0, gravity=200.0, lag=1.0) | gains(**{leads: 400.0})
+    search, _ = growing({SLIDING: 500.0, FREE: 400.0}, scores=lambda _: scores)
+    search.fit(SLIDING, "start")
+    search.fit(FREE, "start")
+    models = list[Model]()
+    monkeypatch.setattr(model_climb, "climbed", lambda _, model, ratio: models.append(model))
+    model_climb.climb_from_first(search)
+    assert models == [SLIDING] * from_sharp + [FREE]
+
+
+def test_parts_of_nearly_the_highest_score_are_tried_and_the_first_in_place_of_a_law() -> None:
+    scores = gains(lag=100.0, gravity=96.0, delay=50.0, link=99.0)
+    search, _ = growing({}, scores=lambda _: scores)
+    search.may_explain = lambda _, part: part != "link"
+    law = RIGID.with_part("cubic")
+    wider = [law.with_part("lag"), law.with_part("gravity"), RIGID.with_part("lag")]
+    assert model_climb._wider(search, law) == wider
+
+
+@pytest.mark.parametrize(("misfit", "far"), [(9.0, motion_noise.FAR), (1e6, 0.0)])
+def test_no_misfit_is_near_once_the_first_fit_of_motions_was_far(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, far: float
+) -> None:
+    """The noise of its residual hides it."""
+    found = SimpleNamespace(misfit=misfit, layout=(), elasticity="K and D")
+
+    def fails(*_: Any) -> None:
+        raise JointIdError("no weights")
+
+    phasors: Any = SimpleNamespace(motion=np.ones(2, bool), select=lambda rows: "few")
+    prior: Any = SimpleNamespace(of_rows=lambda rows: "few")
+    monkeypatch.setattr(motion_noise, "_first_fit", lambda *_: (SLIDING, found))
+    monkeypatch.setattr(motion_noise, "with_noise", lambda *_: phasors)
+    monkeypatch.setattr(motion_noise, "noise_of_rows", fails)
+    monkeypatch.setattr(motion_noise, "noise_differs", lambda *_: False)
+    start: Any = SimpleNamespace(layout=())
+    answer = motion_noise.with_first_noise(
+        phasors, prior, np.arange(2), start, many=True, gives_up=lambda: False
+    )
+    assert answer == (phasors, "K and D", (SLIDING,), far)
+
+
+@pytest.mark.parametrize(
+    ("rows", "rank", "enough"), [(12, 9, True), (11, 5, True), (11, 6, False), (0, 0, False)]
+)
+def test_equations_beside_free_friction_are_twice_the_parameters(
+    monkeypatch: pytest.MonkeyPatch, rows: int, rank: int, enough: bool
+) -> None:
+    """Of six waveforms, which may depend on each other, and three parameters."""
+    residual = SimpleNamespace(projection=SimpleNamespace(rank=lambda: rank))
+    monkeypatch.setattr(maximum_likelihood, "WhitenedResidual", SimpleNamespace(of=lambda *_: residual))
+    problem: Any = SimpleNamespace(rows=rows, free=SimpleNamespace(shapes=6), ends=None)
+    if enough:
+        maximum_likelihood._require_rows(problem, np.ones(3))
+    else:
+        with pytest.raises(JointIdError, match="too few frequencies" if rows else "No motor moves"):
+            maximum_likelihood._require_rows(problem, np.ones(3))
+
+
+def test_many_equations_are_used_up_to_four_times_the_highest_resonance() -> None:
+    inertia, springs = ROBOTS[2]
+    prior, layout = InertiaPrior.of(inertia, 1, 2), ParameterLayout.of(2)
+    few, many = (exact_lines(count) for count in (2500, 2501))  # four real numbers each
+    begin = layout.named(layout.pack(K=springs.K, D=springs.D))
+    highest = resonances(inertia, Elasticity(springs.K, np.zeros(2)))[-1]
+    assert _highest_hz(many, prior, begin) == pytest.approx(4 * highest)
+    assert _highest_hz(few, prior, begin) == np.inf
+    soft = layout.named(layout.pack(K=[springs.K[0], -1.0], D=springs.D))
+    assert _highest_hz(many, prior, soft) == np.inf
+
+
+def exact_lines(count: int) -> Any:
+    return SimpleNamespace(harmonics=np.ones((1, count, 4), complex), n=2)

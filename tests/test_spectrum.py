@@ -53,6 +53,8 @@ def test_a_constant_signal_has_no_frequency() -> None:
 def test_a_few_samples_have_no_spectrum() -> None:
     with pytest.raises(JointIdError, match="at least 8 samples"):
         amplitude_spectrum(np.arange(5.0), np.arange(5.0))
+    with pytest.raises(JointIdError, match="there are 0 over 0 s"):
+        amplitude_spectrum(np.zeros(0), np.zeros(0))
     with pytest.raises(JointIdError, match="over 0 s"):
         amplitude_spectrum(np.zeros(20), np.arange(20.0))
     with pytest.raises(JointIdError, match="over -7 s"):

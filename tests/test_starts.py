@@ -110,6 +110,27 @@ def test_the_equation_of_the_arm_gives_stiffness_friction_and_payload(n: int, ru
     assert 1.2 < misfits[0] < 4.5  # rows are real and imaginary parts, with half of the variance each
 
 
+@pytest.mark.parametrize("n", [1, 3])
+@pytest.mark.parametrize("late_s", [0.0, 3e-3])
+def test_the_equation_of_the_arm_gives_gravity_beside_a_delay(n: int, late_s: float) -> None:
+    """Exactly; a torque that acts before it is logged is no delay."""
+    inertia, elasticity = ROBOTS[n]
+    weight = np.array([1.5, -0.4, 0.8])[:n]
+    hanging = Inertia(inertia.M, inertia.M2, gravity=np.diag(weight))
+    phasors = plant_phasors(hanging, elasticity, *campaign(BAND_HZ, n))
+    logged = phasors.tau * np.exp(1j * phasors.omega[:, None] * late_s)
+    phasors = exact_phasors(phasors.frequency_found_hz, phasors.q, logged)
+    prior = InertiaPrior.of(inertia, *phasors.q.shape)
+    start, misfit = regressed(phasors, prior, hangs=True, lags=late_s > 0)
+    np.testing.assert_allclose(start.K, elasticity.K, rtol=1e-6)
+    np.testing.assert_allclose(start.D, elasticity.D, rtol=1e-4)
+    np.testing.assert_allclose(start["gravity"], weight, rtol=1e-4)
+    assert misfit == 1.0
+    turned = np.exp(-2j * phasors.omega[:, None] * late_s)
+    early = exact_phasors(phasors.frequency_found_hz, phasors.q, logged * turned)
+    assert late_s == 0 or regressed(early, prior, hangs=True, lags=True)[1] > 2
+
+
 @pytest.mark.parametrize("always", [2, None])
 def test_torques_of_held_joints_are_eliminated(always: int | None) -> None:
     """Friction that holds a motor takes any torque; the arm still moves against the gear.

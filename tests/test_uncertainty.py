@@ -255,6 +255,7 @@ def test_bootstrap_is_repeatable_reports_and_stops() -> None:
     seen: list[float] = []
     first = bootstrap(phasors, SERIAL, fit, draws=5, seed=7, progress=seen.append)
     second = bootstrap(phasors, SERIAL, fit, draws=5, seed=7)
+    assert len(bootstrap(phasors, SERIAL, fit, draws=2, seed=7).estimates) == 2
     assert np.array_equal(first.estimates, second.estimates)
     assert seen == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
 

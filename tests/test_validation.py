@@ -191,12 +191,12 @@ def test_harmonics_of_noise_are_noise() -> None:
 # ------------------------------------------------------------------------------------------- amplitude
 
 
-def two_amplitudes(harder: float) -> Phasors:
+def two_amplitudes(harder: float, ratio: float = 3.0) -> Phasors:
     """Every frequency at a small and a large amplitude; springs stiffer at the large one."""
     frequencies, torques = campaign(FREQUENCIES, 2)
     stiffer = Elasticity(K=[PAPER.K[0] * (1 + harder), PAPER.K[1]], D=PAPER.D)
     records = steady_records(SERIAL, PAPER, frequencies, torques, noise=(1e-5, 1e-3), seed=1)
-    records += steady_records(SERIAL, stiffer, frequencies, 3 * torques, noise=(1e-5, 1e-3), seed=2)
+    records += steady_records(SERIAL, stiffer, frequencies, ratio * torques, noise=(1e-5, 1e-3), seed=2)
     return extract_phasors(records)
 
 
@@ -244,6 +244,12 @@ def test_one_amplitude_gives_no_trend() -> None:
     found = amplitude_dependence(identify_elasticity(drawn(2, 0), SERIAL, method="weighted"))
     assert np.all(np.isinf(found.standard_error))
     assert np.isnan(found.deflection_rad).all()
+
+
+@pytest.mark.parametrize(("ratio", "compared"), [(1.27, False), (1.33, True)])
+def test_amplitudes_are_compared_from_a_ratio_of_1_3(ratio: float, compared: bool) -> None:
+    fit = identify_elasticity(two_amplitudes(0.0, ratio), SERIAL, method="weighted")
+    assert np.all(np.isfinite(amplitude_dependence(fit).standard_error) == compared)
 
 
 # ------------------------------------------------------------------------------------------------ poses

@@ -92,6 +92,35 @@ def test_periods_below_three_are_few(periods: float, told: bool) -> None:
     found = list(rules_records.few_periods(given))
     assert levels(found) == ["note"] * told
     assert all(finding.weight == pytest.approx(0.006) for finding in found)
+    assert all(finding.detail.startswith("a: 3 periods.") for finding in found)
+    phasors.duration_s = np.array([2.5, 2.2]) / 8
+    (both,) = rules_records.few_periods(given)
+    assert both.detail.startswith("a and b: at least 2.2 periods.")
+
+
+def test_frequencies_without_a_transfer_matrix_are_counted_and_the_first_is_explained(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(rules_response, "off_frequency", lambda _: ())
+    given = case(transfer_matrices={"a": case(rejected=("first",)), "b": case(rejected=("second",))})
+    (found,) = rules_response.rejected(given)
+    assert found.detail == "first"
+    assert found.title == "2 frequencies have no transfer matrix"
+    given.transfer_matrices["b"].rejected = ()
+    assert next(rules_response.rejected(given)).title == "1 frequency has no transfer matrix"
+    monkeypatch.setattr(rules_response, "off_frequency", lambda _: (1,))
+    assert not list(rules_response.rejected(given))
+
+
+@pytest.mark.parametrize(("after", "useful"), [(0.179, True), (0.181, False)])
+def test_records_that_leave_nine_tenths_of_the_worst_error_hardly_help(
+    monkeypatch: pytest.MonkeyPatch, after: float, useful: bool
+) -> None:
+    monkeypatch.setattr(findings, "largest_part", lambda _: "Most of it is noise.")
+    text = findings.limit_of_records([], two_joints(), np.array([0.2, 0.19, after]))
+    assert text == (
+        "" if useful else "These records hardly reduce the worst error. Most of it is noise."
+    )
 
 
 @pytest.mark.parametrize(("shared", "told"), [(50, False), (51, True)])
@@ -1097,6 +1126,15 @@ def test_a_known_factor_of_one_joint_is_no_cause_beside_a_bad_fit(after: float, 
     assert ("revolutions" in found.title) == named
 
 
+def test_torques_in_another_unit_may_be_inertias_in_another_one() -> None:
+    fault = Hypothesis.of("torque", np.ones(2), np.full(2, 1e-3))
+    found = cause_findings.finding_of(fault, 1e7, 1.0, str, 10.0, np.ones(2))
+    assert (
+        found.title == "M and M2 seem to be in g·m², or the position of all joints seems to be in mrad"
+    )
+    assert "If M and M2 are right, set the unit of the position of all joints to mrad" in found.remedy
+
+
 def test_a_factor_weighs_by_its_logarithm() -> None:
     """The largest of all joints, on top of one; that of a problem is 100 more."""
     for factor, weight in (([50.0, 1.0], np.log10(50)), ([1 / 300, 40.0], np.log10(300))):
@@ -1300,6 +1338,19 @@ def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
     assert motions.tau.real.tolist() == [[1, 0], [0, 1]]
     assert motions.duration_s.tolist() == [8.0, 8.0]
     assert inertias == [given[1]] * 2
+    # Elements of H in one column, in the order H11, H12, H21, H22, have common noise.
+    C = np.diag([1.0, 2.0, 3.0, 4.0])
+    C[0, 2] = C[2, 0] = 0.5
+    both = case(omega=np.array([2.0, 4.0]), H=np.tile(H, (2, 1, 1)), covariance=np.stack([C, 10 * C]))
+    motions, inertias = motion_findings._responses(records, given, {"far": both})
+    assert motions.omega.tolist() == [2.0, 2.0, 4.0, 4.0]
+    assert len(inertias) == 4
+    first, second = np.array([[1, 0.5], [0.5, 3]]), np.diag([2.0, 4.0])
+    for found, expected in zip(
+        motions.covariance, (first / 16, second / 16, 10 * first / 256, 10 * second / 256), strict=True
+    ):
+        np.testing.assert_allclose(found[:2, :2], expected)
+        assert not found[2:].any()
 
 
 # --- records, more
@@ -1338,6 +1389,9 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
     (found,) = rules_records.still_settling(given)
     assert found.detail.startswith("In d the first quarter differs by 2.0 % from the second half.")
     assert (found.remedy, found.changes) == ("Measure again. Wait longer before recording.", ())
+    moving[:] = [0, 0.02, 0.5, 0, 0]
+    (found,) = rules_records.still_settling(given)
+    assert found.detail.startswith("2 records are affected: c and b. In c the first quarter")
     moving[:] = [0, 0.02, 0, 0, 0]
     (found,) = rules_records.still_settling(given)
     assert "Start the record at this time" in found.remedy

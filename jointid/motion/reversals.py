@@ -47,7 +47,7 @@ def segment_friction(
     """
     v = segment.velocity
     blur, largest = segment.least_velocity, np.abs(v).max(axis=1)
-    stationary = (blur > _STATIONARY * largest) | (largest == 0) | (segment.share_at_rest > _STILL)
+    stationary = (blur > _STATIONARY * largest) | (segment.share_at_rest > _STILL)
     late: Floats = segment.turn_rad_s * np.ones(len(v))
     if window is None:
         none = [np.zeros((segment.highest, 0), complex)] * len(v)

@@ -246,8 +246,9 @@ def _refitted(evidence: Evidence, prior: InertiaPrior, misfit: float) -> Elastic
             by = identify_each(phasors, prior, ["auto"], start=start, first=model, most=EXPLAINED)
             found = by["auto"]
         elif evidence.has_motions:
-            given, std = prior.given, (prior.inertia_std, prior.torque_std)
-            found = identify_motion(evidence.records, given, inertia_std=std[0], torque_std=std[1])
+            found = identify_motion(
+                evidence.records, prior.given, inertia_std=prior.inertia_std, torque_std=prior.torque_std
+            )
     return found if found is not None and found.misfit <= EXPLAINED else None
 
 
