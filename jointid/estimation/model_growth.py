@@ -42,6 +42,8 @@ _CLIMB = 0.7
 """Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
 _TRIED_LAWS = 2
 """The most nonlinear laws that are fitted for each part added, and parts beside a law in motions."""
+_NEARER = 10.0
+"""Difference of the criteria from which an excluded model is pruned: its fits take time."""
 _INIMITABLE = 5e3
 """Squared cubic stiffness over its variance beyond which three slopes in its place leave a residual
 above the noise: they explain 99.5 % of its effect."""
@@ -59,7 +61,20 @@ def grown(search: Search, best: Model) -> Model:
         better = _best_extension(search, best, extensions(search, best))
         if better != best:
             return better
-    return best
+    return _without_insignificant(search, best)
+
+
+def _without_insignificant(search: Search, best: Model) -> Model:
+    """The best of a model and the nearest one, pruned, where only an insignificant part excludes that.
+
+    A part of the right model may follow one in place of it, which then is no longer needed.
+    """
+    fits = search.fits
+    judged, plain = fits.criterion(), fits.criterion(judged=False)
+    nearest = min(plain, key=lambda model: plain[model])
+    if search.has_motions or judged[nearest] < np.inf or plain[nearest] > judged[best] - _NEARER:
+        return best
+    return fits.least([best, search.pruned(nearest)])
 
 
 def _best_extension(search: Search, best: Model, extensions: list[Model]) -> Model:

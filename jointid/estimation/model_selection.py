@@ -25,6 +25,7 @@ from jointid.estimation.estimators.parameters import (
 )
 from jointid.estimation.model_average import (
     spread,
+    spread_of_accuracy,
     spread_of_modes,
     spread_of_reversals,
     spread_of_unseen,
@@ -60,18 +61,6 @@ _EXCHANGES = 3
 """Upper limit of parts that are exchanged one after another."""
 FAR = 10.0
 """Misfit of the first models from which the data may be wrong."""
-_LAWS_BEYOND, _LOOPS_BEYOND = 1.0, 4.0
-"""Variance that a law of the gears or friction at the arms in motions adds, over that of the noise, and
-one of hysteresis: its waveform is computed in steps. They shifted K of a robot with a loop of 10 % by
-0.06 %. The second holds for presliding where friction varies with speed: Dahl's model is rough then."""
-_LAW_ACCURACY = np.array([2e-4, 1e-3])
-"""Relative standard error of K and D by these steps: D of robots without noise was 0.04 to 0.1 % low.
-The same of a friction curve by its five parts."""
-_SLOPES_ACCURACY = np.array([1e-4, 3e-4])
-"""The same of gears with three slopes in sines, by harmonics beyond those of the records: 90 % of the
-intervals by noise alone held K, off by some 0.02 %. Of transmission errors, too: the torque by which
-they act on the motor is that of the records. And of structural damping, whose loss factor no gear keeps
-exactly constant: of a chain of nine Maxwell elements K was 0.006 to 0.01 % off."""
 
 
 def choose_model(
@@ -335,16 +324,8 @@ def _choice(search: Search, best: Model) -> Choice:
     whole = spread(search.fits, best, found, scored)
     if "link" in best.effects:
         whole = whole + spread_of_modes(found, search.prior)
+    whole = whole + spread_of_accuracy(best, found, of_motions=search.has_motions)
     if search.has_motions:
         scored = {name: score for name, score in scored.items() if name != "link"}
         whole = whole + spread_of_reversals(search, best, found)
-        is_rough_friction = best.curve and "motor_presliding" in best.effects
-        if best.is_slow or is_rough_friction or "arm_coulomb" in best.effects:
-            is_rough = "hysteresis" in best.effects or (best.curve and not best.is_slow)
-            beyond = _LOOPS_BEYOND if is_rough else _LAWS_BEYOND
-            whole = whole + beyond * found.elasticity_covariance
-        if best.is_slow or best.curve or "arm_coulomb" in best.effects:
-            whole = whole + np.diag((_LAW_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
-    elif {"piecewise", "transmission", "loss_factor"}.intersection(best.effects):
-        whole = whole + np.diag((_SLOPES_ACCURACY.repeat(search.phasors.n) * found.elasticity) ** 2)
     return Choice(best, found, candidates, whole + spread_of_unseen(found, scored, search.prior))
