@@ -532,8 +532,11 @@ def test_parts_that_are_not_computed_exactly_widen_the_error(
     """With hysteresis and hardly any noise, D was up to 0.024 % low: 6 standard errors."""
     K_and_D = np.array([40.0, 8.0, 0.1, 0.02])
     found: Any = SimpleNamespace(elasticity=K_and_D, elasticity_covariance=np.diag((0.1 * K_and_D) ** 2))
-    added = spread_of_accuracy(Model(None, delay=False, effects=effects), found, of_motions=of_motions)
+    model = Model(None, delay=False, effects=effects)
+    added = spread_of_accuracy(model, found, of_motions=of_motions)
     np.testing.assert_allclose(np.sqrt(np.diag(added)), np.repeat(std, 2) * K_and_D, rtol=1e-12)
+    found.elasticity_covariance = np.full((4, 4), np.inf)
+    assert not np.isnan(spread_of_accuracy(model, found, of_motions=of_motions)).any()
 
 
 @pytest.mark.parametrize(("criterion", "is_pruned"), [(70.0, True), (95.0, False)])

@@ -140,18 +140,16 @@ def spread_of_reversals(search: Search, best: Model, found: LikelihoodEstimate) 
 
 def spread_of_accuracy(best: Model, found: LikelihoodEstimate, *, of_motions: bool) -> Floats:
     """Covariance of K and D by the accuracy with which a model's parts are computed, shape (2n, 2n)."""
-    accuracy, beyond = np.zeros(2), 0.0
+    count = found.elasticity.size
+    rough = [_PARTS_ACCURACY[part] for part in best.effects if part in _PARTS_ACCURACY]
+    accuracy, whole = np.max([(0.0, 0.0), *rough], axis=0), np.zeros((count, count))
     if of_motions:
-        rough_friction = best.curve and "motor_presliding" in best.effects
-        if best.is_slow or rough_friction or "arm_coulomb" in best.effects:
+        has_law = best.is_slow or "arm_coulomb" in best.effects
+        accuracy = _LAW_ACCURACY if has_law or best.curve else np.zeros(2)
+        if has_law or (best.curve and "motor_presliding" in best.effects):
             is_rough = "hysteresis" in best.effects or (best.curve and not best.is_slow)
-            beyond = _LOOPS_BEYOND if is_rough else _LAWS_BEYOND
-        if best.is_slow or best.curve or "arm_coulomb" in best.effects:
-            accuracy = _LAW_ACCURACY
-    elif rough := [_PARTS_ACCURACY[part] for part in best.effects if part in _PARTS_ACCURACY]:
-        accuracy = np.max(rough, axis=0)
-    of_values = accuracy.repeat(found.elasticity.size // 2) * found.elasticity
-    return np.asarray(beyond * found.elasticity_covariance + np.diag(of_values**2))
+            whole += (_LOOPS_BEYOND if is_rough else _LAWS_BEYOND) * found.elasticity_covariance
+    return np.asarray(whole + np.diag((accuracy.repeat(count // 2) * found.elasticity) ** 2))
 
 
 def spread_of_unseen(
