@@ -234,12 +234,13 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     shift, expected = _shifts(residual, finite)
     scatter = records / (records - 1) * ((shift - shift.mean(axis=0)) ** 2).sum(axis=0)
     W = whitener(noise[:own, :own])
+    chance = _CHANCE if residual.at.problem.ends is None else _CHANCE_OF_MOTIONS
     with np.errstate(invalid="ignore"):  # infinite for angles near zero
         pulls, share = shift[:, :own] @ W.T, W @ expected[:, :own, :own] @ W.T
         degrees_of_freedom = own**2 / (share**2).sum()
         found = (pulls**2).sum() / own
-    chance = _CHANCE if residual.at.problem.ends is None else _CHANCE_OF_MOTIONS
-    if not found * degrees_of_freedom >= chdtri(degrees_of_freedom, chance):
+        is_significant = found * degrees_of_freedom >= chdtri(degrees_of_freedom, chance)
+    if not is_significant:
         return covariance
     size = np.diag(noise)
     ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)
