@@ -139,7 +139,7 @@ def payload_from_motors(
     """
     torque = [model + change @ near for model, change in zip(torque, payload, strict=True)]
     torques = Torques.of(records, motions, robot, torque_std, torque, parts)
-    shared, scale, left = estimated(torques, Shared(payload, near, np.ones(4)))
+    shared, scale, left = _estimated(torques, Shared(payload, near, np.ones(4)))
     root = np.linalg.cholesky((shared.covariance + shared.covariance.T) / 2)
     unknown = np.zeros(robot.n), np.full(robot.n, np.inf)
     right = Signs.right(robot.n)
@@ -152,7 +152,7 @@ def payload_from_motors(
         mass = max(0.0, robot.payload.mass + robot.payload.mass_std * load)
         turned = [_by_zeros(robot.with_payload(mass=mass), m) for m in motions]
         both = [np.concatenate(each, axis=2) for each in zip(payload, turned, strict=True)]
-        shared, _, _ = estimated(torques, Shared(both, start, std))
+        shared, _, _ = _estimated(torques, Shared(both, start, std))
         load = float(shared.mean[0])
     return replace(found, zero=shared.mean[4:], zero_std=np.sqrt(np.diag(shared.covariance)[4:]))
 
@@ -254,18 +254,20 @@ class Torques:
         std[np.linalg.norm(data.columns, axis=0) < 1e-9] = 0.0
         return data, std, np.cumsum([part.size for part in y])[:-1].tolist()
 
-    def enough(self, data: Regression) -> bool:
-        """Whether a joint moves for long enough."""
-        return data.y.size >= _FEWEST
+    def fitted(self, j: int, shared: Shared) -> tuple[Regression, Floats, Estimate] | None:
+        """Equation of joint j, its prior standard deviations, and its fit; None if it hardly moves.
 
-    def fitted(self, data: Regression, std: Floats, later: list[int]) -> Estimate:
-        """Fit the equation of one joint; its noise is that of the residual."""
+        The noise of the fit is that of its residual.
+        """
+        data, std, later = self.of_joint(j, shared)
+        if data.y.size < _FEWEST:
+            return None
         noise = float(data.y.std())
         lags = int(_MEMORY_S * 8 * self.motions[0].lowpass.band_hz)
         for _ in range(_ROUNDS):
             estimate = data.estimate(noise, std)
             noise = low_frequency_noise(data.residual(estimate), later, lags, _FREEDOM)
-        return data.estimate(noise, std)
+        return data, std, data.estimate(noise, std)
 
     def independent(self, data: Regression) -> tuple[float, float, float]:
         """Count independent values of an equation; also their resolution and the sampling, both s."""
@@ -291,17 +293,17 @@ def _step(lowpass: GaussianFilter) -> int:
     return max(1, int(1 / (8 * lowpass.band_hz * lowpass.interval_s)))
 
 
-def estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats]:
+def _estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats]:
     """Estimate the shared unknowns, and the scale and unexplained part of each motor's torque."""
     joints, count = torques.gravity_std.size, shared.std.size
     prior = np.diag(shared.std**-2.0)
     opinions: list[tuple[Floats, Floats]] = []
     scale, left = np.full((2, joints), np.nan)
     for j in range(joints):
-        data, std, later = torques.of_joint(j, shared)
-        if not torques.enough(data):
+        found = torques.fitted(j, shared)
+        if found is None:
             continue
-        fitted = torques.fitted(data, std, later)
+        data, std, fitted = found
         scale[j], left[j] = 1 + fitted.beta[-7], torques.unexplained(j, data, fitted)
         seen = std[:count] > 0
         information, of_seen = np.zeros((count, count)), np.ix_(seen, seen)

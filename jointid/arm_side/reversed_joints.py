@@ -91,11 +91,10 @@ def _whole(torques: Torques, payload: list[Floats]) -> float:
 
 def _cost(torques: Torques, payload: list[Floats], j: int) -> tuple[float, float]:
     """-2 log of the likelihood of a joint's torque and priors; its friction along the motion, in σ."""
-    shared = Shared(payload, np.zeros(4), np.ones(4))
-    data, std, later = torques.of_joint(j, shared)
-    if not torques.enough(data):
+    found = torques.fitted(j, Shared(payload, np.zeros(4), np.ones(4)))
+    if found is None:
         return 0.0, 0.0
-    fitted = torques.fitted(data, std, later)
+    data, std, fitted = found
     whole = np.mean((data.y + data.columns[:, -7]) ** 2)
     variance = np.mean(data.residual(fitted) ** 2) + _FLOOR**2 * whole
     known = np.isfinite(std) & (std > 0)

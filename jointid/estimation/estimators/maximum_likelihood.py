@@ -134,9 +134,9 @@ def maximum_likelihood(
         if WhitenedResidual.of(held, p, scale).cost > POOR * problem.rows / 2:
             # Arms that leave their flanks have many local minima.
             p, _ = minimised(held, p, scale, damping=_FAR)
-    # The noise of the laws, which follows, changes the optimum a little.
-    has_law_noise = problem.motion is None and not set(GEAR_LAWS).isdisjoint(effects)
-    fit = partial(minimised, roughly=has_law_noise)
+    slow = not set(GEAR_LAWS).isdisjoint(effects)
+    # In sines, the noise of the laws, which follows, changes the optimum a little.
+    fit = partial(minimised, roughly=slow and problem.motion is None)
     p, normal = fit(problem, p, scale, damping=_NEAR if is_near else _FAR)
     while (free := with_free_torque(problem, p)) is not problem:
         near, there = fit(free, p, scale, damping=_NEAR)
@@ -152,7 +152,6 @@ def maximum_likelihood(
     fitted = WhitenedResidual.of(problem, p, scale)
     misfit = first = Misfit.of(fitted, p, normal)
     scale = first.scale
-    slow = not set(GEAR_LAWS).isdisjoint(effects)
     most = LOST if problem.ends is not None else np.inf
     most = _DOUBTFUL if slow else most
     is_reweighted = bool(np.any(scale > 1)) or problem.law_noise is not None
