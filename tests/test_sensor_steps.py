@@ -171,6 +171,27 @@ def test_rounding_of_slow_and_sticking_motion_is_in_the_error(
     assert 0.4 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.6
 
 
+@pytest.mark.parametrize("dwell", [0.0, 0.015, 0.04])
+def test_the_amplitude_of_a_motor_that_sticks_for_a_moment_has_its_error(dwell: float) -> None:
+    """After each reversal the motor rests for a share of the period; both ends have the same error."""
+    rng = np.random.default_rng(7)
+    turn = np.arange(int(10.5 * 248)) / 248.3
+    off, claimed = np.zeros(2), 0.0
+    for _ in range(100):
+        moving = np.maximum(turn % 0.5 - dwell, 0) / (0.5 - dwell)
+        wave = rng.uniform(200, 220) * np.cos(np.pi * moving) * (-1) ** (turn // 0.5)
+        rounded, exact = (
+            extract_phasors([SineRecord(1.0, turn, signal, wave)], harmonics=9)
+            for signal in (np.rint(wave), wave)
+        )
+        error = (rounded.q - exact.q)[0, 0] / np.exp(
+            1j * np.angle(exact.q[0, 0] * np.exp(1j * np.pi * dwell))
+        )
+        off += np.array([error.real, error.imag]) ** 2
+        claimed += rounded.covariance[0, 0, 0].real / 2
+    assert 0.3 < np.sqrt(off.max() / claimed) < 1.25
+
+
 @pytest.mark.parametrize("rate", [1000.0, 617.3])
 def test_a_motion_below_one_step_has_the_error_of_a_step(rate: float) -> None:
     """The logged angle is constant, but other records show the encoder's step."""

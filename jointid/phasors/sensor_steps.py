@@ -41,6 +41,12 @@ leaves it near the edge of a step more often than in its middle (3 at the edge).
 _TURNS = 1.2020569 / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
+_EXTREME = 4.0
+"""Most steps from its extremes in which a motion is compared with a sine."""
+_DWELL = math.pi * math.sqrt(8 / 3 / 1.2020569)
+"""Error of a rest as long as a sine is within one step of its extreme, over the sine's own there: a rest
+of time t adds t/√12, in steps, to that of a turning point of curvature κ, (ζ(3)/2)^½/(π κ^½). Times √2:
+all of it is in phase with the motion, so that one of two quadratures has the variance of both."""
 _ALIKE = 0.15
 """Difference of two sines' amplitudes and means, in steps, below which both are rounded alike."""
 _SHARED = 0.5
@@ -89,6 +95,7 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
                 noise = max(0.0, float(np.median(each[:, channel])) / step**2 - 1 / 12)
                 size = max(1.0, abs(fit.harmonics[0, channel]) / step)
                 turns = _TURNS * step**2 / size * math.exp(-4 * math.pi**2 * noise)
+                turns = turns * _dwelling(used / step, len(each)) ** 2
                 # Odd about a step or its edge, even about a quarter: the mean level is known.
                 place = (fit.offset[channel] - used[0]) / step + np.arange(len(each)) / 4
                 left = 2 * np.cos(2 * np.pi * place) ** 2 * turns - variance[0, :, channel]
@@ -191,6 +198,23 @@ def _runs(signal: Floats, period: float, harmonics: int) -> tuple[float, Floats]
         shape = 3 * spherical_jn(1, phase) ** 2 if ramp else np.sinc(phase / np.pi) ** 2
         found += (ramp + sizes**2 * shape) @ np.bincount(place, weight[own], sizes.size)
     return float((lengths**2).sum() / signal.size), found / signal.size
+
+
+def _dwelling(levels: Floats, harmonics: int) -> Floats:
+    """Error at the ends of a motion, in steps, over that of a sine's; at least 1, shape (H,).
+
+    A motor that friction holds there keeps its error for longer.
+    """
+    low, high = float(levels.min()), float(levels.max())
+    amplitude = 0.5 * (high - low)
+    outer = min(_EXTREME, 0.5 * amplitude)
+    inner = amplitude - outer - 0.5
+    if inner <= 0:
+        return np.ones(harmonics)
+    of_sine = 2 / np.pi * math.acos(inner / amplitude)
+    rest = max(0.0, float(np.mean(np.abs(levels - 0.5 * (low + high)) > inner)) - of_sine)
+    longer = rest / of_sine * np.abs(np.sinc(np.arange(1, harmonics + 1) * rest / 2))
+    return np.asarray(1 + _DWELL * math.sqrt(outer) * longer)
 
 
 def _undithered(scatter: float) -> float:
