@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from app_pages import opened_app, upload
+from scipy.interpolate import CubicSpline
 
 from jointid import (
     Analysis,
@@ -19,16 +20,19 @@ from jointid import (
     SineRecord,
     Study,
     analyse,
+    extract_phasors,
     load_study,
     save_study,
 )
 from jointid.corrections.changes import corrected, label
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.exporting import to_json, to_toml
 from jointid.files.digest import study_digest
 from jointid.reporting.report import make_report, to_html
 from jointid.ui.shared import workspace
 from jointid.ui.shared.method_steps import OPEN_LOGS
 from jointid.verdict.evidence import Change
+from jointid.verdict.rules_skew import skew
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +89,56 @@ def test_a_fault_of_all_records_is_corrected(right: Study, name: str) -> None:
     assert after.state == "usable"
     assert mended.changes[-1]
     assert label(wrong, change)
+
+
+def late(*samples: float) -> Callable[[SineRecord], SineRecord]:
+    """Joints that are logged later, by samples each."""
+
+    def fault(record: SineRecord) -> SineRecord:
+        place = np.arange(len(record.time_s), dtype=float)
+        moved = {name: CubicSpline(place, getattr(record, name)) for name in SIGNALS}
+        columns = {
+            name: np.column_stack([wave(place - by)[:, j] for j, by in enumerate(samples)])
+            for name, wave in moved.items()
+        }
+        return replace(record, **columns)
+
+    return fault
+
+
+@pytest.mark.parametrize("samples", [(0, 1), (2, 0)])
+def test_joints_that_are_logged_apart_are_moved_together(right: Study, samples: tuple[int, ...]) -> None:
+    wrong = each(right, late(*samples))
+    before = analyse(wrong)
+    assert before.state == "not usable"
+    whose = f"joint {1 + np.argmax(samples)}"
+    assert before.findings[0].title.startswith(f"Position and torque of {whose} are logged")
+    change = proposed(before)[0]
+    assert change.values == samples
+    mended = corrected(wrong, change)
+    assert whose in label(wrong, change)
+    after, best = analyse(mended), analyse(right)
+    assert after.state == "usable"
+    np.testing.assert_allclose(after.fit.K, best.fit.K, atol=0.5 * best.fit.standard_error[0])
+    assert len(mended.sine_records[0].time_s) == len(right.sine_records[0].time_s) - max(samples)
+
+
+@pytest.mark.parametrize(("joints", "samples"), [(2, (0.0, 0.4)), (3, (0.0, 1.0, -0.5))])
+def test_joints_may_be_logged_a_part_of_a_sample_apart(
+    studies: dict[int, Study], joints: int, samples: tuple[float, ...]
+) -> None:
+    """Moving rows cannot correct that; the remedy is to interpolate."""
+    study = each(studies[joints], late(*samples))
+    found = analyse(study).findings[0]
+    assert "are logged" in found.title
+    assert "interpolate" in found.remedy
+    assert not found.changes
+    phasors = extract_phasors(study.sine_records)
+    prior = InertiaPrior.of(study.inertias, *phasors.q.shape)
+    apart = skew(phasors, prior, study.records[0].interval_s)
+    assert apart is not None
+    true = study.records[0].interval_s * np.array(samples)
+    assert np.all(np.abs(apart.late_s - true) < 4 * apart.error_s + 1e-6)
 
 
 def test_a_record_that_contradicts_the_others_is_corrected_or_left_out(right: Study) -> None:

@@ -34,6 +34,7 @@ from jointid import (
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.gears.gear import Gear
+from jointid.phasors.steady_state import steady_from, unsettled
 from jointid.simulation.experiment import Controller, Excitation, Measurement
 from jointid.verdict.evidence import number, times_noise
 from jointid.verdict.findings import Evidence
@@ -45,7 +46,6 @@ from jointid.verdict.rules_model import model_limits, not_physical
 from jointid.verdict.rules_outlier import one_record_off
 from jointid.verdict.rules_records import loop_below_steps, stationary_joint
 from jointid.verdict.scorer import Scorer
-from jointid.verdict.steady_state import steady_from, unsettled
 from jointid.verdict.wrong_data import wrong_data
 
 FREQUENCIES, TORQUES = campaign(BAND_HZ, 2)

@@ -13,10 +13,10 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.phasors.extract import extract_phasors
 from jointid.phasors.long_records import LongRecord
+from jointid.phasors.steady_state import steady_from
 from jointid.records import JointRecord, MotionRecord, SineRecord
 from jointid.study import Study
 from jointid.verdict.evidence import Change, ChangeKind
-from jointid.verdict.steady_state import steady_from
 from jointid.wording import capitalised, counted, enumerated, listed, minus, plain, significant
 
 _STEPS = 4
@@ -114,6 +114,23 @@ def _order(study: Study, change: Change) -> tuple[Study, str]:
     return made, f"{capitalised(_exchange(change.values))}."
 
 
+def _shift(study: Study, change: Change) -> tuple[Study, str]:
+    late = np.array(change.values, int)
+    most = int(late.max())
+
+    def moved(record: Any, _: object) -> Any:
+        kept = len(record.time_s) - most
+        both = {"theta_rad": record.theta_rad, "tau_Nm": record.tau_Nm}
+        columns = {
+            name: np.column_stack([values[k : k + kept, j] for j, k in enumerate(late.tolist())])
+            for name, values in both.items()
+        }
+        return replace(record, time_s=record.time_s[:kept], **columns)
+
+    made = _each(study, dict.fromkeys(_concerned(study, change)), moved)
+    return made, f"{_earlier(change.values)}."
+
+
 def _inertias(study: Study, change: Change) -> tuple[Study, str]:
     found = change.inertias
     given = {"": study.inertia, **study.poses}
@@ -156,6 +173,7 @@ _CHANGES: Mapping[ChangeKind, tuple[_Make, _Label]] = {
         ),
     ),
     "order": (_order, lambda _, change: capitalised(_exchange(change.values))),
+    "shift": (_shift, lambda _, change: _earlier(change.values)),
     "inertias": (_inertias, lambda *_: "Accept the fitted inertias"),
 }
 """Each change with its label."""
@@ -218,6 +236,12 @@ def _exchange(values: tuple[float, ...]) -> str:
     signals = [name for name, k in (("positions", 0), ("torques", 1)) if np.any(moved // n == k)]
     joints = enumerated([f"{k + 1}" for k in np.unique(moved % n)])
     return f"swap the {enumerated(signals)} of joints {joints}"
+
+
+def _earlier(values: tuple[float, ...]) -> str:
+    """Instruction for joints that are moved in time."""
+    each = [f"joint {j + 1} by {counted(int(k), 'sample')}" for j, k in enumerate(values) if k]
+    return f"Move {enumerated(each)} to earlier times"
 
 
 def _list(values: Floats) -> str:

@@ -17,9 +17,9 @@ from jointid.importing.find.segments import common_frequencies
 from jointid.importing.map.mapped_log import MappedLog
 from jointid.joints import Inertia
 from jointid.phasors.extract import extract_phasors
+from jointid.phasors.steady_state import steady_from, unsettled
 from jointid.records import MotionRecord, SineRecord
 from jointid.study import INERTIA_STD, Study
-from jointid.verdict.steady_state import steady_from, unsettled
 from jointid.wording import counted, shown, significant
 
 

@@ -21,7 +21,9 @@ Action = Literal["", "edit columns", "edit mapping", "edit runs", "edit inertias
 
 Code = Literal["", "model limits"]
 """Identifier of a finding that other modules look up."""
-ChangeKind = Literal["start", "frequency", "leave out", "delay", "hold", "scale", "order", "inertias"]
+ChangeKind = Literal[
+    "start", "frequency", "leave out", "delay", "hold", "scale", "order", "shift", "inertias"
+]
 
 
 _MOST_TIMES = 1000.0
@@ -37,8 +39,8 @@ class Change:
     """The sine records concerned, from 0; empty for all records."""
     values: tuple[float, ...] = ()
     """Seconds to add ("delay"), 1 or 0 ("hold"), logged over true angles,
-    then torques ("scale"), column of each angle, then torque ("order"), or the relative standard
-    deviation to state, if any ("inertias")."""
+    then torques ("scale"), column of each angle, then torque ("order"), samples by which each joint is
+    late ("shift"), or the relative standard deviation to state, if any ("inertias")."""
     inertias: Mapping[str, Inertia] = field(default_factory=dict)
     """Fitted inertia of each pose ("inertias")."""
 

@@ -47,6 +47,7 @@ from jointid.verdict.rules_records import (
     wrong_frequency,
 )
 from jointid.verdict.rules_response import foreign_peak, rejected
+from jointid.verdict.rules_skew import joints_apart
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import enumerated, percent
@@ -111,7 +112,8 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     if outlier is not None and outlier[0] not in off_frequency(evidence):  # reported with its cause
         found.append(outlier[1])
     if outlier is None and not scales:
-        scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
+        scales = tuple(joints_apart(judged))
+        scales = scales or wrong_columns(judged, evidence.phasors, evidence.inertias)
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
     if scales:  # the advice of notes, such as on amplitudes, requires correct data
@@ -129,9 +131,9 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
 
 
 def is_wrong(evidence: Evidence) -> bool:
-    """Whether a linear fit shows wrong signs, units or columns, or torques are damaged."""
-    damaged = any(foreign_torques(evidence))
-    return damaged or bool(wrong_data(evidence.phasors, evidence.inertias))
+    """Whether signs, units, columns or times of the joints are wrong, or torques are damaged."""
+    damaged = any(foreign_torques(evidence)) or bool(wrong_data(evidence.phasors, evidence.inertias))
+    return damaged or any(joints_apart(evidence))
 
 
 def ends_early(evidence: Evidence) -> tuple[Callable[[], bool], Callable[[], bool]]:
@@ -143,7 +145,7 @@ def ends_early(evidence: Evidence) -> tuple[Callable[[], bool], Callable[[], boo
     known = evidence.automatic
     if known is not None and _physical_misfit(known) < GOOD:
         return bool, bool
-    return partial(is_wrong, evidence), cache(lambda: one_record_off(evidence) is not None)
+    return cache(partial(is_wrong, evidence)), cache(lambda: one_record_off(evidence) is not None)
 
 
 def _best_fit(evidence: Evidence) -> ElasticityFit:

@@ -20,6 +20,7 @@ from jointid.estimation.model_fits import record_costs
 from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
 from jointid.phasors.passivity import taken_power
+from jointid.phasors.steady_state import joint_share
 from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, some, times_noise
 from jointid.verdict.rules_records import (
@@ -31,7 +32,6 @@ from jointid.verdict.rules_records import (
     off_frequency,
 )
 from jointid.verdict.scorer import Scorer, corrected, simplest
-from jointid.verdict.steady_state import joint_share
 from jointid.wording import capitalised, counted
 
 _LEFT = 0.02

@@ -8,6 +8,7 @@ import numpy as np
 from jointid.arrays import Floats
 from jointid.phasors.fitted_sine import sine_basis
 from jointid.phasors.sensor_steps import quantum
+from jointid.phasors.steady_state import decimals, joint_share, steady_from, unsettled
 from jointid.records import MotionRecord, SineRecord
 from jointid.uncertainty.chosen_model import chosen_friction
 from jointid.verdict.evidence import (
@@ -21,7 +22,6 @@ from jointid.verdict.evidence import (
     some,
     warning,
 )
-from jointid.verdict.steady_state import decimals, joint_share, steady_from, unsettled
 from jointid.wording import counted, joints_text, percent
 
 _HELD = 0.05
