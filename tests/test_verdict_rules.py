@@ -14,6 +14,7 @@ from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.phasors import steady_state
 from jointid.uncertainty.answer_tables import PriorRow
 from jointid.verdict import (
     cause_findings,
@@ -27,7 +28,6 @@ from jointid.verdict import (
     rules_outlier,
     rules_records,
     rules_response,
-    steady_state,
     wrong_data,
 )
 from jointid.verdict.causes import CAUSES, DEGREES, known_cause
