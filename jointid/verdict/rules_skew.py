@@ -114,9 +114,12 @@ def skew(phasors: Phasors, prior: InertiaPrior, interval_s: float) -> Skew | Non
             place[j] += 0.5 * step_s * (low - high) / bend
             expected = here - 0.125 * (low - high) ** 2 / bend
             error[j] = step_s * np.sqrt(2 / bend * fit.misfit / fit.cost)
-        if not expected < _PROMISING * fit.misfit or np.abs(place).max() > _MOST * interval_s:
+        if np.abs(place).max() > _MOST * interval_s:
             break
-        late, fit = place, trial.fit(place, fit.named)
+        late = place
+        if not expected < _PROMISING * fit.misfit:
+            break
+        fit = trial.fit(late, fit.named)
     is_clear = bool(np.any(np.abs(late[1:]) > _CLEAR * error[1:]))
     if not (is_clear and fit.misfit < min(_EXPLAINED, _BETTER * before)):
         return None
