@@ -14,6 +14,7 @@ from jointid import Inertia, MotionRecord, SineRecord
 from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout
+from jointid.phasors import steady_state
 from jointid.uncertainty.answer_tables import PriorRow
 from jointid.verdict import (
     cause_findings,
@@ -27,7 +28,6 @@ from jointid.verdict import (
     rules_outlier,
     rules_records,
     rules_response,
-    steady_state,
     wrong_data,
 )
 from jointid.verdict.causes import CAUSES, DEGREES, known_cause
@@ -1852,7 +1852,7 @@ def order_of(
 
     for name in ("foreign_torques", "motors_take_power", "inertias_look_wrong", "poses_disagree"):
         monkeypatch.setattr(findings, name, rule(name))
-    for name in ("depends_on_amplitude", "one_frequency", "wrong_columns"):
+    for name in ("depends_on_amplitude", "one_frequency", "joints_apart"):
         monkeypatch.setattr(findings, name, rule(name))
     monkeypatch.setattr(findings, "wrong_columns", lambda *_: tuple(rule("wrong_columns")()))
     monkeypatch.setattr(findings, "of_records", lambda _: [*rule("records")()])
@@ -1889,6 +1889,8 @@ def test_findings_on_the_answer_require_right_data(monkeypatch: pytest.MonkeyPat
     assert order_of(monkeypatch, outlier=3, off=(3,), **every) == ["w record", "n one"]
     columns = order_of(monkeypatch, wrong_columns=["p columns"], motors_take_power=["p no"], **every)
     assert columns == ["p columns", "w record"]  # a note on wrong data may mislead
+    apart = order_of(monkeypatch, joints_apart=["p apart"], wrong_columns=["p no"], **every)
+    assert apart == ["p apart", "w record"]
     foreign = order_of(monkeypatch, foreign_torques=["p foreign"], outlier=3, **every)
     assert foreign == ["p foreign", "w record"]
     for misfit, told in ((9.9, False), (10.0, True)):
