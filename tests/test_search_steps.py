@@ -11,7 +11,7 @@ import pytest
 from plants import ROBOTS
 
 from jointid import Elasticity, Inertia, JointIdError, resonances
-from jointid.estimation import model_climb, model_selection, motion_noise
+from jointid.estimation import model_climb, model_growth, model_selection, motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators import maximum_likelihood
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -512,6 +512,22 @@ def test_parts_of_nearly_the_highest_score_are_tried_and_the_first_in_place_of_a
     law = RIGID.with_part("cubic")
     wider = [law.with_part("lag"), law.with_part("gravity"), RIGID.with_part("lag")]
     assert model_climb._wider(search, law) == wider
+
+
+@pytest.mark.parametrize(
+    ("misfit", "rows", "tried"), [(1.0, 9_000, 2), (1.0, 11_000, 1), (2.0, 11_000, 2)]
+)
+def test_one_part_is_tried_beside_a_model_that_explains_many_equations(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, rows: int, tried: int
+) -> None:
+    """Otherwise all clear parts: the one with the highest score may not be the best."""
+    monkeypatch.setattr(model_growth, "_clear_parts", lambda *_: ["lag", "gravity"])
+    monkeypatch.setattr(model_growth, "_is_promising", lambda *_: True)
+    search, _ = growing({RIGID: misfit}, scores=lambda _: gains(lag=9.0, gravity=8.0))
+    search.fit(RIGID, "start")
+    search.fits.rows = rows
+    wider = [RIGID.with_part(part) for part in ("lag", "gravity")]
+    assert model_growth._extensions(search, RIGID) == wider[:tried]
 
 
 @pytest.mark.parametrize(
