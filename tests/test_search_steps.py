@@ -531,6 +531,35 @@ def test_one_part_is_tried_beside_a_model_that_explains_many_equations(
 
 
 @pytest.mark.parametrize(
+    ("scores", "leads"),
+    [(gains(lag=51.0), True), (gains(cubic=51.0, lag=49.0), False), ({}, False)],
+)
+def test_a_part_that_is_no_law_leads_and_none_where_none_is_missing(
+    scores: dict[str, Any], leads: bool
+) -> None:
+    search, _ = growing({RIGID: 100.0}, scores=lambda _: scores)
+    assert not model_growth.other_part_leads(search, SLIDING)  # not fitted yet
+    search.fit(RIGID, "start")
+    assert model_growth.other_part_leads(search, RIGID) == leads
+
+
+def test_gravity_is_fitted_from_its_regression_with_friction_where_that_is_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(model_climb, "regression_start", lambda *_, hangs: "regressed" * hangs)
+    monkeypatch.setattr(model_climb, "at_resonances", lambda *_: ["resonant"])
+    monkeypatch.setattr(model_climb, "freed", lambda *_: None)
+    for is_distorted, model, starts in (
+        (True, SLIDING, ["regressed"]),
+        (False, RIGID, ["regressed", "resonant"]),
+    ):
+        search, done = growing({}, is_distorted=is_distorted, phasors=None, prior=None)
+        search.fits.optional = ("gravity",)
+        model_climb.fit_hanging(search)
+        assert done == [(model.with_part("gravity"), start) for start in starts]
+
+
+@pytest.mark.parametrize(
     ("effects", "of_motions", "std"),
     [
         ((), False, [0.0, 0.0]),
