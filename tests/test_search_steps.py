@@ -559,6 +559,21 @@ def test_gravity_is_fitted_from_its_regression_with_friction_where_that_is_seen(
         assert done == [(model.with_part("gravity"), start) for start in starts]
 
 
+@pytest.mark.parametrize(("least", "pruned"), [(RIGID, []), (LATE, [RIGID])])
+def test_a_model_that_explains_the_data_is_pruned_where_only_an_insignificant_part_excludes_it(
+    monkeypatch: pytest.MonkeyPatch, least: Model, pruned: list[Model]
+) -> None:
+    for step in ("grown", "narrowed"):
+        monkeypatch.setattr(model_selection, step, lambda _, best: best)
+    done = list[Model]()
+    search, _ = growing({RIGID: 1.0, LATE: 5e3}, is_spent=False, is_full=lambda _: True)
+    search.fit(RIGID, "start")
+    search.fit(LATE, "start")
+    search.fits.least, search.pruned = lambda: least, lambda model: done.append(model) or model
+    assert model_selection._best(search) == least
+    assert done[:1] == pruned
+
+
 @pytest.mark.parametrize(
     ("effects", "of_motions", "std"),
     [
