@@ -7,10 +7,13 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from app_pages import opened_app, upload
+from plants import BAND_HZ, PAPER, SERIAL, campaign, circular, noisy, plant_phasors
 from scipy.interpolate import CubicSpline
 
 from jointid import (
@@ -31,8 +34,9 @@ from jointid.files.digest import study_digest
 from jointid.reporting.report import make_report, to_html
 from jointid.ui.shared import workspace
 from jointid.ui.shared.method_steps import OPEN_LOGS
+from jointid.verdict import rules_skew
 from jointid.verdict.evidence import Change
-from jointid.verdict.rules_skew import skew
+from jointid.verdict.rules_skew import moved_in_time, skew
 
 
 @pytest.fixture(scope="module")
@@ -139,6 +143,39 @@ def test_joints_may_be_logged_a_part_of_a_sample_apart(
     assert apart is not None
     true = study.records[0].interval_s * np.array(samples)
     assert np.all(np.abs(apart.late_s - true) < 4 * apart.error_s + 1e-6)
+
+
+@pytest.mark.parametrize(("noise", "found"), [(1.0, True), (4.0, False)])
+def test_times_count_where_they_explain_the_records_within_their_noise(
+    noise: float, found: bool
+) -> None:
+    """Far more noise than stated is a further fault, which the times do not explain."""
+    late = np.array([0.0, 2e-3])
+    phasors = moved_in_time(plant_phasors(SERIAL, PAPER, *campaign(BAND_HZ, 2)), -late)
+    stated = np.array([np.diag((2e-3 * np.abs(z)) ** 2) for z in phasors.z]).astype(complex)
+    error = circular(np.random.default_rng(1), stated, 1)[0]
+    logged = noisy(phasors, stated, noise * error)
+    apart = skew(logged, InertiaPrior.of(SERIAL, *logged.q.shape), 1e-3)
+    assert (apart is not None) == found
+    if apart is not None:
+        assert abs(apart.late_s[1] - late[1]) < 4 * apart.error_s < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("K", "misfit", "tried"), [(8.0, 2.4, False), (8.0, 2.6, True), (-1.0, 1.0, True)]
+)
+def test_times_are_sought_where_the_answer_does_not_explain_the_records(
+    monkeypatch: pytest.MonkeyPatch, K: float, misfit: float, tried: bool
+) -> None:
+    asked = list[object]()
+    monkeypatch.setattr(rules_skew, "skew", lambda *given: asked.append(given))
+    fit = SimpleNamespace(K=np.array([43.0, K]), misfit=misfit, prior="prior")
+    of_records: Any = SimpleNamespace(
+        phasors=SimpleNamespace(n=2), fit=fit, has_motions=False,
+        records=[SimpleNamespace(interval_s=1e-3)],
+    )  # fmt: skip
+    assert not list(rules_skew.joints_apart(of_records))
+    assert bool(asked) == tried
 
 
 def test_a_record_that_contradicts_the_others_is_corrected_or_left_out(right: Study) -> None:

@@ -1,6 +1,8 @@
-"""Invariance of the answer to controllers, excitation, clock and amplitude, and the energy balance."""
+"""Invariance of the answer to controllers, excitation, clock, amplitude and units; energy balance."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +13,17 @@ from plants import (
     ROBOTS,
     SERIAL,
     campaign,
+    circular,
+    exact_phasors,
     motion,
+    plant_phasors,
+    rubbing,
     state_space,
     steady_records,
 )
 
 from jointid import (
+    Inertia,
     SineRecord,
     estimate_transfer_matrix,
     extract_phasors,
@@ -25,6 +32,11 @@ from jointid import (
     simulate_records,
     single_record_response,
 )
+from jointid.estimation.candidates import Model
+from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.model_fits import fit_model
+from jointid.estimation.regression_start import regressed, regression_start
 from jointid.simulation.experiment import Controller, Excitation
 
 METHODS = ["least-squares", "explicit", "weighted", "maximum-likelihood"]
@@ -34,6 +46,13 @@ CONTROLLERS = {
     "stiff": Controller(bandwidth_hz=9.0, damping_ratio=0.8),
     "uneven": Controller(bandwidth_hz=[3.0, 7.0], torque_delay_s=0.00037),
 }
+ANGLE, TORQUE, TIME = 8.0, 1024.0, 1 / 32
+"""Other units: powers of two, which change no digit."""
+
+
+def robot_in_other_units(inertia: Inertia) -> Inertia:
+    mass = TORQUE * TIME**2 / ANGLE
+    return Inertia(M=inertia.M * mass, M2=inertia.M2 * mass)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -143,3 +162,64 @@ def test_motors_supply_the_power_that_the_dampers_dissipate() -> None:
     arm = (torques - SERIAL.M * s2 * q) @ np.linalg.inv(SERIAL.M2) / s2
     taken_out = 0.5 * np.sum(PAPER.D * np.abs(omega[:, None] * (q - arm)) ** 2, axis=1)
     assert np.allclose(put_in, taken_out, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (),
+        ("cubic", "arm_viscous"),
+        ("backlash",),
+        ("hysteresis",),
+        ("arm_coulomb",),
+        ("link", "torque_filter"),
+        ("position_filter", "load"),
+    ],
+)
+def test_the_answer_does_not_depend_on_the_units(effects: tuple[str, ...]) -> None:
+    """Of sines with friction and rounding, from the records to the errors."""
+    step = 2 * np.pi / 8192
+    records = [
+        replace(r, theta_rad=step * np.round(r.theta_rad / step), tau_Nm=np.round(r.tau_Nm, 2))
+        for r in rubbing()
+    ]
+    others = [
+        replace(
+            r,
+            frequency_hz=r.frequency_hz / TIME,
+            time_s=r.time_s * TIME,
+            theta_rad=r.theta_rad * ANGLE,
+            tau_Nm=r.tau_Nm * TORQUE,
+        )
+        for r in records
+    ]
+    found = []
+    for logged, inertia in ((records, PARALLELOGRAM), (others, robot_in_other_units(PARALLELOGRAM))):
+        phasors = extract_phasors(logged, harmonics=15)
+        prior = InertiaPrior.of(inertia, *phasors.q.shape)
+        noise = spring_equations(phasors, inertia).noise
+        start = regression_start(phasors, prior)
+        fit = fit_model(phasors, prior, start, noise, Model(0.0, delay=True, effects=effects))
+        sizes = np.r_[fit.p[:4], np.sqrt(np.diag(fit.elasticity_covariance))]
+        found.append([*sizes, fit.cost, fit.misfit])
+    units = np.array([1, 1, TIME, TIME]) * TORQUE / ANGLE
+    np.testing.assert_allclose(found[1], np.r_[units, units, 1, 1] * found[0], rtol=1e-7)
+
+
+def test_a_start_from_held_joints_does_not_depend_on_the_units() -> None:
+    inertia, elasticity = ROBOTS[3]
+    moved = plant_phasors(inertia, elasticity, *campaign(BAND_HZ, 3))
+    held = np.arange(len(moved.q))[:, None] % 3 == np.arange(3)
+    z = moved.z * np.hstack([~held, np.ones_like(held)])
+    variance = np.tile(np.diag((1e-2 * np.abs(z).max(axis=0)) ** 2).astype(complex), (len(z), 1, 1))
+    z = z + circular(np.random.default_rng(1), variance, 1)[0] * (z != 0)
+    units = np.repeat([ANGLE, TORQUE], 3)
+    found = []
+    for scale, time, mass in ((np.ones(6), 1.0, inertia), (units, TIME, robot_in_other_units(inertia))):
+        q, tau = np.split(z * scale, 2, axis=1)
+        frequencies = moved.frequency_found_hz / time
+        phasors = exact_phasors(frequencies, q, tau, variance * np.outer(scale, scale))
+        start, misfit = regressed(phasors, InertiaPrior.of(mass, *q.shape), stiff=1.0)
+        found.append([*start.K, *start.D, misfit])
+    expected = np.r_[np.full(3, 1.0), np.full(3, TIME)] * TORQUE / ANGLE
+    np.testing.assert_allclose(found[1], np.r_[expected, 1] * found[0], rtol=1e-7)

@@ -156,6 +156,20 @@ def test_offsets_and_drift_do_not_change_the_answer() -> None:
     assert np.abs(other / whole - 1).max() < 1e-5
 
 
+def test_the_units_of_angle_and_torque_do_not_change_the_answer() -> None:
+    """That of time is the second, in which bands and segments are chosen."""
+    angle, torque = 8.0, 1024.0  # powers of two, which change no digit
+    others = [
+        cut(r, slice(None), theta_rad=r.theta_rad * angle, tau_Nm=r.tau_Nm * torque)
+        for r in records(SHORT)
+    ]
+    mass = torque / angle
+    other, one = identify_motion(others, Inertia(CELL.M * mass, CELL.M2 * mass)), fitted(SHORT)
+    np.testing.assert_allclose(other.estimate, one.estimate * mass, rtol=1e-7)
+    np.testing.assert_allclose(other.standard_error, one.standard_error * mass, rtol=1e-7)
+    assert other.misfit == pytest.approx(one.misfit, rel=1e-7)
+
+
 def test_jitter_and_gaps() -> None:
     rng = np.random.default_rng(1)
     fast = records(replace(EXACT, duration_s=6.0, noise_Nm=1e-3))

@@ -38,7 +38,13 @@ from jointid.motion.friction import (
     with_load,
 )
 from jointid.motion.noise import _non_negative, logged_noise, repeated_variances, sensor_variances
-from jointid.motion.reversals import _polynomials, _stretches, _transforms, segment_friction
+from jointid.motion.reversals import (
+    _polynomials,
+    _stretches,
+    _transforms,
+    _unknown,
+    segment_friction,
+)
 from jointid.motion.sampling import UniformPart, uniform_parts, windowed_spectrum
 from jointid.motion.spectra import motion_phasors
 from jointid.motion.spectral_lines import SpectralLines, _continued, _gain, _rounding
@@ -392,6 +398,25 @@ def test_hats_of_a_reversal_add_to_one() -> None:
     first = np.zeros(GRID)
     first[:5] = [1, 0.8, 0.6, 0.4, 0.2]
     np.testing.assert_allclose(hats[:, 0], phasors_of(first, 9), atol=1e-12)
+
+
+def test_torques_of_slow_stretches_span_a_constant_and_a_line_in_every_bin_of_the_band() -> None:
+    segment: Any = SimpleNamespace(highest=40, lowest=5, samples=400)
+    stretches = [np.array([[20, 60], [200, 260]]), np.array([[100, 130]])]
+    found = _unknown(segment, stretches, np.array([True, False]))
+    inside = np.arange(1, 41) >= 5
+    assert found.known.tolist() == [[bool(each), False] for each in inside]
+    assert found.free[1].shape[1] == 0  # a joint at rest
+    (free, _), basis = found.free, np.linalg.svd(found.free[0][inside], full_matrices=False)[0]
+    assert not free[~inside].any()
+    k = np.arange(400)
+    for begin, end in stretches[0]:
+        for power in (0, 1):
+            fine = (np.arange(16 * 400) + 0.5) / 16
+            wave = np.where((fine >= begin) & (fine < end), (fine - begin) ** power, 0.0)
+            bins = np.exp(-2j * np.pi / 400 * np.outer(k[1:41], fine)) @ wave
+            bins = bins[inside] / np.abs(bins).max()
+            assert np.linalg.norm(bins - basis @ (basis.conj().T @ bins)) < 1e-3
 
 
 def test_dependent_waveforms_of_free_size_count_once() -> None:
@@ -1097,6 +1122,11 @@ def test_rounding_of_a_fast_motion_is_white_and_that_of_a_slow_one_is_not() -> N
     assert found[0] > 10 * step**2 / 12
     assert not _rounding(fast, f, T).any()
     np.testing.assert_allclose(_rounding(8 * slow, low, T), 64 * found)
+    for ramp in (3.7, 12.3, 40.6):  # in steps; a mean over the band
+        move = 3.2 * np.sin(2 * np.pi * 0.5 * long) + ramp * np.linspace(0, 1, long.size)
+        error = np.abs(np.fft.rfft(np.rint(move) - move)) ** 2 * step**2 / long.size
+        error = error[round(low[0] * 4 * N * T) :][: low.size]
+        assert 1 / 8 < _rounding(step * np.rint(move), low, T).mean() / error.mean() < 8
 
 
 @pytest.mark.parametrize(("power", "seen"), [(5.9, False), (6.1, True)])

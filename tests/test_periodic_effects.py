@@ -26,11 +26,12 @@ from jointid.estimation.estimators.score_tests import PerTurnScores, scores_per_
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.estimation.model_fits import completed
 from jointid.estimation.periodic_effects import _clearest, _effect, _fit_orders, _fitted, fit_periodic
-from jointid.motion.friction import friction_waveforms
-from jointid.motion.per_turn import PerTurn, turn_waves
+from jointid.motion.friction import GRID, GearTorque, friction_waveforms
+from jointid.motion.per_turn import PerTurn, turn_waves, with_turns
 from jointid.motion.spectra import motion_phasors
 
 TRUE = np.concatenate([PAPER.K, PAPER.D])
+SIDES = ("", "_quadrature")
 PER_TURN = (PerTurn("ripple", (6, 0), (0.4, 0.0)), PerTurn("transmission", (2, 3), (0.0, 1.0)))
 
 
@@ -233,6 +234,30 @@ def test_the_score_of_an_order_is_the_cost_that_its_wave_saves() -> None:
     assert found.phase[5, 1] == pytest.approx(0.7, abs=1e-6)
     others = np.delete(found.gain.ravel(), 11)
     assert np.all((others >= 0) & (others < 0.9 * found.gain[5, 1]))
+
+
+def test_a_ripple_is_a_torque_and_a_transmission_error_moves_the_gear_without_work() -> None:
+    """Over a period, under a constant torque of the gears."""
+    q = np.array([[0.8 + 0.3j, 0.5j], [0.2, 0.7]])
+    z = np.zeros((2, 31, 4), complex)
+    z[:, 0] = np.hstack([q, q])
+    phasors = exact_phasors(np.array([3.0, 5.0]), q, q)
+    noise = np.tile(1e-12 * np.eye(4, dtype=complex), (2, 31, 1, 1))
+    phasors = replace(
+        phasors,
+        harmonics=z + 1e-15, harmonic_covariance=noise, harmonic_rounding=np.zeros(z.shape),
+    )  # fmt: skip
+    ripple, error = PerTurn("ripple", (2, 1), (0.3, 0.0)), PerTurn("transmission", (1, 2), (0.0, 0.9))
+    steady = GearTorque(np.full((2, 2, GRID), 7.0), {})
+    found = with_turns(friction_waveforms(phasors, None), phasors, (ripple, error), steady)
+    np.testing.assert_allclose([found.further[f"ripple{end}"] for end in SIDES], ripple.waves(phasors))
+    moved = [found.deflection[f"transmission{end}"] for end in SIDES]
+    np.testing.assert_allclose(moved, error.waves(phasors))
+    assert len(found.deflection) == 2
+    velocity = 2j * np.pi * phasors.frequency_found_hz[:, None] * q
+    for end in SIDES:
+        wave = found.further[f"transmission{end}"][:, 0]
+        assert np.abs((wave.conj() * velocity).real).max() < 1e-6 * np.abs(wave * velocity).max()
 
 
 def test_harmonics_of_the_angle_below_their_noise_do_not_turn_the_waves() -> None:

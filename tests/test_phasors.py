@@ -14,6 +14,7 @@ from random_cases import examples
 
 from jointid import JointIdError, SineRecord, extract_phasors
 from jointid.phasors.extract import Phasors, _visible, no_phasors
+from jointid.phasors.passivity import least_misfit, taken_power
 from jointid.phasors.periods import phasors_of, samples_of, waves, waves_at
 from jointid.phasors.settling import settling_change
 
@@ -411,3 +412,17 @@ def test_a_harmonic_is_seen_at_six_errors_and_a_millionth_of_its_signal(
     harmonics = np.array([[1.0, 1e5], [0.0, 0.0], [third * 1j, 0.0]])
     covariance = np.tile(np.diag([noise**2, 1e6]), (3, 1, 1)).astype(complex)
     assert _visible(SimpleNamespace(harmonics=harmonics, covariance=covariance)) == seen  # type: ignore[arg-type]
+
+
+def test_power_that_motors_absorb_counts_in_squared_standard_errors() -> None:
+    """A tenth of the noise leaves a hundred times the misfit; motors that supply power leave none."""
+    omega = 2 * np.pi * np.array([3.0, 7.0])
+    velocity = np.array([[2.0, 0.5j], [1.0, 1.0]])
+    torques = np.array([[3.0, -1.0j], [0.5, 2.0]])
+    z = np.hstack([velocity / (1j * omega[:, None]), -torques])
+    noise = np.tile(np.eye(4, dtype=complex), (2, 1, 1))
+    one, less = (least_misfit(omega, z, size**2 * noise) for size in (1.0, 0.1))
+    assert less == pytest.approx(100 * one)
+    assert one == pytest.approx((taken_power(omega, z, noise) ** 2).sum() / 8)
+    z[:, 2:] *= -1
+    assert least_misfit(omega, z, noise) == 0

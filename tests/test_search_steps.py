@@ -11,7 +11,7 @@ import pytest
 from plants import ROBOTS
 
 from jointid import Elasticity, Inertia, JointIdError, resonances
-from jointid.estimation import model_climb, model_selection, motion_noise
+from jointid.estimation import model_climb, model_growth, model_selection, motion_noise
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators import maximum_likelihood
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -512,6 +512,66 @@ def test_parts_of_nearly_the_highest_score_are_tried_and_the_first_in_place_of_a
     law = RIGID.with_part("cubic")
     wider = [law.with_part("lag"), law.with_part("gravity"), RIGID.with_part("lag")]
     assert model_climb._wider(search, law) == wider
+
+
+@pytest.mark.parametrize(
+    ("misfit", "rows", "tried"), [(1.0, 9_000, 2), (1.0, 11_000, 1), (2.0, 11_000, 2)]
+)
+def test_one_part_is_tried_beside_a_model_that_explains_many_equations(
+    monkeypatch: pytest.MonkeyPatch, misfit: float, rows: int, tried: int
+) -> None:
+    """Otherwise all clear parts: the one with the highest score may not be the best."""
+    monkeypatch.setattr(model_growth, "_clear_parts", lambda *_: ["lag", "gravity"])
+    monkeypatch.setattr(model_growth, "_is_promising", lambda *_: True)
+    search, _ = growing({RIGID: misfit}, scores=lambda _: gains(lag=9.0, gravity=8.0))
+    search.fit(RIGID, "start")
+    search.fits.rows = rows
+    wider = [RIGID.with_part(part) for part in ("lag", "gravity")]
+    assert model_growth._extensions(search, RIGID) == wider[:tried]
+
+
+@pytest.mark.parametrize(
+    ("scores", "leads"),
+    [(gains(lag=51.0), True), (gains(cubic=51.0, lag=49.0), False), ({}, False)],
+)
+def test_a_part_that_is_no_law_leads_and_none_where_none_is_missing(
+    scores: dict[str, Any], leads: bool
+) -> None:
+    search, _ = growing({RIGID: 100.0}, scores=lambda _: scores)
+    assert not model_growth.other_part_leads(search, SLIDING)  # not fitted yet
+    search.fit(RIGID, "start")
+    assert model_growth.other_part_leads(search, RIGID) == leads
+
+
+def test_gravity_is_fitted_from_its_regression_with_friction_where_that_is_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(model_climb, "regression_start", lambda *_, hangs: "regressed" * hangs)
+    monkeypatch.setattr(model_climb, "at_resonances", lambda *_: ["resonant"])
+    monkeypatch.setattr(model_climb, "freed", lambda *_: None)
+    for is_distorted, model, starts in (
+        (True, SLIDING, ["regressed"]),
+        (False, RIGID, ["regressed", "resonant"]),
+    ):
+        search, done = growing({}, is_distorted=is_distorted, phasors=None, prior=None)
+        search.fits.optional = ("gravity",)
+        model_climb.fit_hanging(search)
+        assert done == [(model.with_part("gravity"), start) for start in starts]
+
+
+@pytest.mark.parametrize(("least", "pruned"), [(RIGID, []), (LATE, [RIGID])])
+def test_a_model_that_explains_the_data_is_pruned_where_only_an_insignificant_part_excludes_it(
+    monkeypatch: pytest.MonkeyPatch, least: Model, pruned: list[Model]
+) -> None:
+    for step in ("grown", "narrowed"):
+        monkeypatch.setattr(model_selection, step, lambda _, best: best)
+    done = list[Model]()
+    search, _ = growing({RIGID: 1.0, LATE: 5e3}, is_spent=False, is_full=lambda _: True)
+    search.fit(RIGID, "start")
+    search.fit(LATE, "start")
+    search.fits.least, search.pruned = lambda: least, lambda model: done.append(model) or model
+    assert model_selection._best(search) == least
+    assert done[:1] == pruned
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointid import Elasticity, Inertia, SineRecord, extract_phasors
+from jointid import Elasticity, Inertia, Phasors, SineRecord, extract_phasors
 from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.joints import motor_response
 from jointid.phasors.sensor_steps import (
@@ -67,6 +67,7 @@ def test_signals_without_steps_give_zero() -> None:
     assert quantum(np.sin(0.1 * np.arange(1000))) == 0
     assert quantum(np.zeros(100)) == 0
     assert quantum(np.ones(1)) == 0
+    assert quantum(np.array([3.0, 3.5])) == 0.5
 
 
 @pytest.mark.parametrize("dither", [0.0, 0.1, 0.5])
@@ -169,6 +170,39 @@ def test_rounding_of_slow_and_sticking_motion_is_in_the_error(
     of_first = np.sqrt(np.mean(off, axis=0)[0] / np.mean(claimed, axis=0)[0])
     assert 0.3 < of_first < 1.7
     assert 0.4 < np.sqrt(np.mean(off) / np.mean(claimed)) < 1.6
+
+
+def rounded_sine(
+    samples: float, amplitude: float, *, rest: float = 0.0, drift: float = 0.0, offset: float = 0.0
+) -> Phasors:
+    """Ten periods of a sine that rests at both ends for a share of its period, in steps of one."""
+    turn = np.arange(int(10.5 * samples)) / samples
+    wave = np.sin(2 * np.pi * (turn + 0.123))
+    motion = 0.1 + amplitude * np.clip(wave / (1 - rest), -1, 1) + drift * turn / turn[-1]
+    return extract_phasors([SineRecord(1.0, turn, np.rint(motion) + offset, wave)], harmonics=9)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.3])
+def test_rounding_of_a_slow_motion_is_that_of_the_position_whenever_it_is_sampled(rest: float) -> None:
+    whole, uneven = (rounded_sine(samples, 10.0, rest=rest) for samples in (401.0, 401.37))
+    claimed = [np.abs(each.harmonic_covariance[0, :, 0, 0]) for each in (whole, uneven)]
+    np.testing.assert_allclose(claimed[1], claimed[0], rtol=0.2)
+    repeated = [each.harmonic_rounding[0, :, 0] for each in (whole, uneven)]
+    np.testing.assert_allclose(repeated[1], repeated[0], rtol=0.2)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.02])
+def test_rounding_does_not_depend_on_the_place_of_the_zero(rest: float) -> None:
+    here, there = (rounded_sine(61.37, 34.0, rest=rest, offset=offset) for offset in (0.0, -7.37))
+    np.testing.assert_allclose(there.harmonic_rounding, here.harmonic_rounding, rtol=1e-6, atol=1e-9)
+    assert here.harmonic_rounding[0, 0, 0] > 0
+
+
+def test_a_drift_of_more_than_a_step_leaves_no_rounding_that_repeats_at_turning_points() -> None:
+    steady, slow, fast = (rounded_sine(61.56, 34.0, drift=drift) for drift in (0.0, 0.8, 1.2))
+    repeated = [each.harmonic_rounding[0, :, 0].sum() for each in (steady, slow, fast)]
+    assert repeated[1] == pytest.approx(repeated[0], rel=0.5)
+    assert repeated[2] < 0.2 * repeated[0]
 
 
 @pytest.mark.parametrize("dwell", [0.0, 0.015, 0.04])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -38,7 +39,9 @@ from jointid import (
     spring_equations,
 )
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
+from jointid.estimation.estimators.whitened_residual import WhitenedResidual
 from jointid.simulation.motion import Motion
+from jointid.uncertainty.chosen_model import fitted_problem
 from jointid.uncertainty.information import prior_influence
 from jointid.uncertainty.plan import predict_standard_errors, suggest_records
 from jointid.uncertainty.planned_records import planned_records
@@ -308,6 +311,20 @@ def test_jackknife_finds_the_frequency_that_is_off() -> None:
     fit = identify_elasticity(few, SERIAL, method="weighted")
     with pytest.raises(JointIdError, match="at least 3"):
         jackknife(few, SERIAL, fit)
+    enough = bad.select(range(6))
+    fit = identify_elasticity(enough, SERIAL, method="weighted")
+    assert np.isfinite(jackknife(enough, SERIAL, fit).standard_error).all()
+
+
+def test_a_linear_fit_has_the_residual_of_the_fundamentals_alone() -> None:
+    phasors = extract_phasors(rubbing(), harmonics=5)
+    names = ("harmonics", "harmonic_covariance", "harmonic_rounding")
+    first = replace(phasors, **{name: getattr(phasors, name)[:, :1] for name in names})
+    fit, costs = identify_elasticity(phasors, PARALLELOGRAM, method="weighted"), []
+    for each in (phasors, first):
+        residual = WhitenedResidual.of(fitted_problem(each, fit), fit.parameters.vector)
+        costs.append([residual.rows.size, residual.cost])
+    assert costs[0] == pytest.approx(costs[1])
 
 
 # -------------------------------------------------------------------------------------------- ellipses

@@ -280,6 +280,15 @@ def test_a_start_leaves_five_periods_and_is_confirmed_by_the_next(
     assert steady_state.steady_from(record) == start
 
 
+def test_an_amplitude_that_falls_through_the_whole_record_has_no_steady_start() -> None:
+    """Its change becomes insignificant in short remainders, in proportion to their length."""
+    time, rng = np.arange(8000) / 200, np.random.default_rng(2)
+    turn, noise = 2 * np.pi * time, 0.1 * rng.standard_normal((2, time.size))
+    falling = (1 - 0.1 * time / 40) * np.sin(turn)
+    record = SineRecord(1.0, time, falling + noise[0], np.cos(turn) + noise[1])
+    assert steady_state.steady_from(record) is None
+
+
 @pytest.mark.parametrize(("hz", "digits"), [(0.09, 0), (0.1, 0), (0.11, 1), (1.0, 1), (1.1, 2), (30, 3)])
 def test_starts_have_a_tenth_of_a_period(hz: float, digits: int) -> None:
     assert steady_state.decimals(case(frequency_hz=hz)) == digits  # type: ignore[arg-type]

@@ -87,7 +87,7 @@ def step_variance(record: SineRecord, fit: SineFit) -> Floats:
             lasting = length > _LASTING
             # An error that does not repeat exactly is in the scatter already.
             undithered = _undithered(seen) if repeats.any() or lasting else max(0.0, 1 - 12 * seen)
-            count = np.maximum((period if lasting else different) / share, 1.0)
+            count = (period if lasting else different) / share
             whole = step**2 / 3 / count * undithered
             variance[0, :, channel] = np.minimum(whole, step**2 / 3 / record.samples)
             variance[1, :, channel] = whole - variance[0, :, channel]

@@ -52,8 +52,6 @@ _CHANCE = 1e-3
 """Probability of a band's misfit by noise alone, below which it counts as an error of the model."""
 _HELD = 3.0
 """Strength of the observer of gears in motions for the first part of a fit from far off."""
-_SETTLED = 0.7
-"""Ratio of costs from which free friction in the torque of the gears needs no further fit."""
 _DOUBTFUL = 3.0
 """Misfit of a model with a law of the gears that is not fitted again with weights by harmonic; of
 motions without one, ``LOST``."""
@@ -138,13 +136,11 @@ def maximum_likelihood(
     # In sines, the noise of the laws, which follows, changes the optimum a little.
     fit = partial(minimised, roughly=slow and problem.motion is None)
     p, normal = fit(problem, p, scale, damping=_NEAR if is_near else _FAR)
-    while (free := with_free_torque(problem, p)) is not problem:
+    if (free := with_free_torque(problem, p)) is not problem:
         near, there = fit(free, p, scale, damping=_NEAR)
         costs = [WhitenedResidual.of(*each, scale).cost for each in ((free, near), (problem, p))]
         if costs[0] < costs[1]:
             problem, p, normal = free, near, there
-        if costs[0] > _SETTLED * costs[1]:
-            break
     problem = with_law_noise(problem, p)
     std = gravity_std(prior)
     if std is not None:
