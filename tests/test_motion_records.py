@@ -123,6 +123,19 @@ def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
     assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
 
 
+def test_records_with_torques_of_other_scales_widen_the_errors() -> None:
+    """The scale is the same in all segments of a record: that of the mean is known to its σ/√3, 1 %."""
+    real = REAL | {"friction": MotorFriction(coulomb=[0.3, 0.06], step_s=1e-3)}
+    motion, truth = Motion("random", 3.0, 30.0, 6.0), np.r_[SPRINGS.K, SPRINGS.D]
+    records = simulate_motion(ROBOT, SPRINGS, motion, records=3, seed=4, **real)
+    for scale, least, most in ((1.0, 0.0, 0.002), (1.03, 0.01, 0.02)):
+        of_last = replace(records[2], tau_Nm=scale * records[2].tau_Nm)
+        fit = identify_motion([*records[:2], of_last], ROBOT, inertia_std=0.05)
+        share = fit.errors.K / SPRINGS.K
+        assert np.all((least < share) & (share < most))
+        assert np.all(np.abs(fit.estimate - truth) < 2 * fit.standard_error)
+
+
 def test_a_record_with_a_noisy_torque_has_its_own_noise() -> None:
     """As of an aliased torque: common noise of all records would reduce the weight of the good one."""
     rng, records = np.random.default_rng(0), moved("random")
