@@ -158,7 +158,8 @@ def _spectrum(
     q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
     chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
     f = np.asarray(s.imag[inside] / (2 * np.pi), float)
-    noise = noise_variances(part, f) / samples
+    # A short part between two gaps may have no line in the band.
+    noise = noise_variances(part, f) / samples if f.size else np.zeros((2, 0, len(tau)))
     noise[0] *= np.abs(s[inside, None]) ** 4
     return (f, *chosen, noise)
 

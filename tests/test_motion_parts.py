@@ -526,7 +526,7 @@ def test_the_gain_of_a_controller_is_measured_and_continued() -> None:
 def test_terms_of_the_arm_move_the_motors_by_the_response_to_the_arm() -> None:
     rng = np.random.default_rng(6)
     r, H, n = 3, 5, 2
-    segment = SimpleNamespace(highest=H)
+    segment = SimpleNamespace(record=0, highest=H)
     phasors: Any = SimpleNamespace(
         motion=np.array([False, True, True]), segments=(None, segment, segment)
     )
@@ -1033,7 +1033,7 @@ def test_the_noise_of_a_velocity_that_is_not_filtered_is_that_of_a_derivative() 
 def test_the_direction_of_an_arm_is_a_square_wave_unless_it_rests(least: float, moves: bool) -> None:
     """Three periods of a sine: its odd multiples have 4/π over their order, with their phases."""
     N, H = 1200, 40
-    segment: Any = SimpleNamespace(highest=H, samples=N, least_velocity=np.array([least]))
+    segment: Any = SimpleNamespace(record=0, highest=H, samples=N, least_velocity=np.array([least]))
     velocity = np.sin(2 * np.pi * 3 * np.arange(N) / N + 0.3)
     found = _directions(segment, velocity[None])[:, 0]
     expected = np.zeros(H, complex)

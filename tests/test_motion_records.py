@@ -40,6 +40,7 @@ from jointid import (
     simulate_motion,
     simulate_records,
 )
+from jointid.corrections.changes import corrected
 from jointid.cut.outcome import study_outcome
 from jointid.estimation import motion_noise
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -121,6 +122,18 @@ def test_an_odd_multisine_leaves_even_and_some_odd_lines_empty() -> None:
     strong = spectrum[inside] > 0.02 * spectrum[inside].max()
     assert not strong[inside % 2 == 0].any()
     assert 0.6 < strong[inside % 2 == 1].mean() < 0.9
+
+
+def test_records_with_torques_of_other_scales_widen_the_errors() -> None:
+    """The scale is the same in all segments of a record: that of the mean is known to its σ/√3, 1 %."""
+    real = REAL | {"friction": MotorFriction(coulomb=[0.3, 0.06], step_s=1e-3)}
+    motion, truth = Motion("random", 3.0, 30.0, 6.0), np.r_[SPRINGS.K, SPRINGS.D]
+    records = simulate_motion(ROBOT, SPRINGS, motion, records=3, seed=4, **real)
+    of_last = replace(records[2], tau_Nm=1.03 * records[2].tau_Nm)
+    fit = identify_motion([*records[:2], of_last], ROBOT, inertia_std=0.05)
+    share = fit.errors.K / SPRINGS.K
+    assert np.all((share > 0.01) & (share < 0.02))
+    assert np.all(np.abs(fit.estimate - truth) < 2 * fit.standard_error)
 
 
 def test_a_record_with_a_noisy_torque_has_its_own_noise() -> None:
@@ -253,6 +266,16 @@ REAL = {
 }
 
 
+def test_a_record_with_gaps_everywhere_is_refused_with_its_cause() -> None:
+    whole = moved("random")[0]
+    kept = np.arange(whole.samples) % 80 > 0
+    torn = replace(
+        whole, time_s=whole.time_s[kept], theta_rad=whole.theta_rad[kept], tau_Nm=whole.tau_Nm[kept]
+    )
+    with pytest.raises(JointIdError, match=r"missing samples interrupt this record.* 0\.16 s, is too"):
+        identify_motion([torn], ROBOT)
+
+
 def test_a_band_of_too_few_lines_is_named_with_its_origin() -> None:
     time, rng = 0.004 * np.arange(500), np.random.default_rng(0)
     theta = np.sin(2 * np.pi * 0.6 * time)[:, None] + 1e-6 * rng.standard_normal((500, 1))
@@ -325,6 +348,30 @@ def motion_study(*kinds: str, sines: bool = False) -> Study:
 
 
 FREE = {key: REAL[key] for key in ("controller", "measurement")}
+
+
+def test_a_joint_that_is_logged_late_in_motions_is_named_and_moved() -> None:
+    motion, fast = (
+        Motion("random", 3.0, 30.0, 6.0),
+        FREE | {"controller": Controller(sample_rate_hz=1000.0)},
+    )
+    right = simulate_motion(ROBOT, SPRINGS, motion, records=2, seed=4, **fast)
+    late = [
+        replace(
+            record,
+            theta_rad=np.column_stack([record.theta_rad[1:, 0], record.theta_rad[:-1, 1]]),
+            tau_Nm=np.column_stack([record.tau_Nm[1:, 0], record.tau_Nm[:-1, 1]]),
+            time_s=record.time_s[1:],
+        )
+        for record in right
+    ]
+    wrong = Study(late, ROBOT)
+    (finding, *_) = analyse(wrong).findings
+    assert finding.title.startswith("Position and torque of joint 2 are logged 1 ms later")
+    (change,) = finding.changes
+    mended = corrected(wrong, change)
+    np.testing.assert_array_equal(mended.records[0].tau_Nm, right[0].tau_Nm[1:-1])
+    assert analyse(mended).state == "usable"
 
 
 @pytest.fixture(scope="module")

@@ -109,6 +109,16 @@ def test_short_records_have_wider_bands() -> None:
     np.testing.assert_allclose(np.diff(found.omega) / (2 * np.pi), 4.0, rtol=1e-9)
 
 
+def test_a_part_between_two_gaps_may_have_no_line_in_the_band() -> None:
+    whole = record(1, 1)
+    kept = np.r_[: N - 200, N - 100 : N]  # 0.2 s: lines 5 Hz apart
+    torn = replace(
+        whole, time_s=whole.time_s[kept], theta_rad=whole.theta_rad[kept], tau_Nm=whole.tau_Nm[kept]
+    )
+    torn = replace(torn, band_hz=(11.0, 14.0))
+    assert np.median(error_of(motion_transfer_matrix([torn]), 1)) < 1e-3
+
+
 @pytest.mark.parametrize("noise", [1e-4, 1e-6])
 @pytest.mark.parametrize("n", [1, 2])
 def test_error_is_the_covariance(n: int, noise: float) -> None:

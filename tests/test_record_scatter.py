@@ -100,7 +100,7 @@ def test_the_change_by_each_record_is_that_of_least_squares() -> None:
 
     def shifts(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         residual: Any = SimpleNamespace(rows=rows.reshape(5, 6), visible_columns=columns)
-        return _shifts(residual, 0.5 * np.linalg.inv(normal))
+        return _shifts(residual, 0.5 * np.linalg.inv(normal), np.arange(5))
 
     each = np.array([shifts(rows)[0] for rows in left])  # of each row of noise
     expected = shifts(np.zeros(30))[1]
@@ -115,7 +115,7 @@ def test_the_change_by_each_record_is_that_of_least_squares() -> None:
     alone = np.array([[[1.0]]]) * columns[:1, :, :1]
     gain = float((alone**2).sum())
     residual: Any = SimpleNamespace(rows=rows[:6][None], visible_columns=alone)
-    (moved,), _ = _shifts(residual, np.array([[0.5 / (4 * gain)]]))
+    (moved,), _ = _shifts(residual, np.array([[0.5 / (4 * gain)]]), np.arange(1))
     assert moved == pytest.approx(alone[0, :, 0] @ rows[:6] / (4 * gain) / np.sqrt(1 - 0.25))
 
 
@@ -133,7 +133,8 @@ def test_scatter_beyond_chance_widens_each_parameter_by_its_own(
     problem = SimpleNamespace(n=2, ends=None)
     residual: Any = SimpleNamespace(rows=shift, at=SimpleNamespace(problem=problem))
     freedom = 16 / (records * 4 / records**2)  # trace² over squares of equal shares
-    for ends, chance in ((None, 1e-4), (True, 0.05)):
+    segments = SimpleNamespace(logs=np.zeros(records, int))  # of one motion
+    for ends, chance in ((None, 1e-4), (segments, 0.05)):
         problem.ends = ends
         limit = chdtri(freedom, chance) / freedom
         ratio = np.ones(5)

@@ -120,10 +120,11 @@ def _shift(study: Study, change: Change) -> tuple[Study, str]:
 
     def moved(record: Any, _: object) -> Any:
         kept = len(record.time_s) - most
-        both = {"theta_rad": record.theta_rad, "tau_Nm": record.tau_Nm}
+        signals = {k: getattr(record, k, None) for k in ("theta_rad", "tau_Nm", "arm_rad")}
         columns = {
             name: np.column_stack([values[k : k + kept, j] for j, k in enumerate(late.tolist())])
-            for name, values in both.items()
+            for name, values in signals.items()
+            if values is not None
         }
         return replace(record, time_s=record.time_s[:kept], **columns)
 

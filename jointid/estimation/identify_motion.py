@@ -121,10 +121,17 @@ def identify_motion(
 
 def motion_misfits(records: list[MotionRecord | SineRecord], priors: list[InertiaPrior]) -> Floats:
     """Misfit of motions under inertias of several priors, by a regression with friction; at least 1."""
-    phasors, source = _phasors(records, priors[0].M[priors[0].rotor])
-    few = _few(phasors, priors[0].of_rows(source))
-    some, rows = phasors.select(few), source[few]
+    some, rows = few_phasors(records, priors[0])
     return np.array([regressed(some, prior.of_rows(rows))[1] for prior in priors])
+
+
+def few_phasors(
+    records: list[MotionRecord | SineRecord], prior: InertiaPrior
+) -> tuple[Phasors, np.ndarray]:
+    """Phasors of some segments of motions and of all sines, and the record of each row."""
+    phasors, source = _phasors(records, prior.M[prior.rotor])
+    few = _few(phasors, prior.of_rows(source))
+    return phasors.select(few), source[few]
 
 
 def _checked(records: object) -> list[MotionRecord | SineRecord]:

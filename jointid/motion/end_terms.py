@@ -29,6 +29,8 @@ class EndTerms:
 
     records: np.ndarray
     """Rows, shape (m,)."""
+    logs: np.ndarray
+    """Motion record of each of them, shape (m,)."""
     powers: Complexes
     """Powers of s over its largest value, with the factor i of phasors, shape (m, H, degrees)."""
 
@@ -38,9 +40,10 @@ class EndTerms:
         records = np.flatnonzero(phasors.motion)
         if not records.size:
             return None
-        highest = np.array([each.highest for each in phasors.segments if each is not None])
+        own = [each for each in phasors.segments if each is not None]
+        highest, logs = np.array([(each.highest, each.record) for each in own]).T
         unit = s[records] / np.abs(s[records, highest - 1])[:, None]
-        return cls(records, 1j * unit[..., None] ** np.array(_DEGREES))
+        return cls(records, logs, 1j * unit[..., None] ** np.array(_DEGREES))
 
     def columns(self, arm: Complexes) -> Complexes:
         """Columns (m, H, n, k) for the response X A⁻¹ of the motors to the arm, (r, H, n, n).

@@ -59,6 +59,12 @@ def motion_phasors(
             for segment, samples in _segments(part, band, least_s, variance, limits, record)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
+            if len(parts) > 1:
+                longest_s = max(part.theta.shape[1] * part.interval_s for part in parts)
+                raise JointIdError(
+                    f"{name}: missing samples interrupt this record, and the longest part without a "
+                    f"gap, {longest_s:.2g} s, is too short for a spectrum. Log without interruptions."
+                )
             chosen, remedy = (
                 (", chosen from its spectrum,", "set")
                 if record.band_hz is None

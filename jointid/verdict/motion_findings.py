@@ -27,6 +27,7 @@ from jointid.verdict.rules_records import (
     has_one_sign,
     is_clipped,
 )
+from jointid.verdict.rules_skew import joints_apart
 from jointid.verdict.wrong_data import wrong_data
 from jointid.wording import counted, enumerated, joints_text, minus, percent, significant, with_error
 
@@ -95,10 +96,10 @@ def motion_findings(
         theirs = [inertia for record, inertia in pairs if isinstance(record, SineRecord)]
         found += of_records(Evidence(evidence.sines, theirs, phasors, linear, {}))
     rests = _rests(motions)
-    causes: list[Finding] = []
-    if may_be_wrong(evidence):
+    causes = list(joints_apart(evidence))
+    if not causes and may_be_wrong(evidence):
         causes += wrong_motions(records, inertias, matrices) or axes_exchanged(evidence)
-    elif fit.misfit > EXPLAINED:
+    elif not causes and fit.misfit > EXPLAINED:
         causes += damaged_torques(motions)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)

@@ -2,7 +2,8 @@
 
 A joint that is logged late by t has its position and torque times e^{-st}: its own balance is unchanged,
 and its coupling to the others has a wrong phase. One step of the fit shows the misfit for other times,
-and a parabola through three of them the best time.
+and a parabola through three of them the best time. In motions, the terms of a segment's ends absorb what
+enters and leaves it by so short a time.
 """
 
 from collections.abc import Iterator
@@ -15,11 +16,12 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
-from jointid.estimation.estimators.joint_equations import spring_equations
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import Parameters
+from jointid.estimation.identify_motion import few_phasors
 from jointid.estimation.model_fits import fit_model, freest, stepped
+from jointid.estimation.motion_noise import noise_of_rows
 from jointid.estimation.regression_start import regression_start
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, times_noise
@@ -47,12 +49,16 @@ def joints_apart(evidence: Evidence) -> Iterator[Finding]:
     """Some joints are logged later than others."""
     phasors, fit = evidence.phasors, evidence.fit
     is_far = not (np.all(fit.K > 0) and fit.misfit < _DOUBTFUL)
-    if evidence.has_motions or not 1 < phasors.n <= _MOST_JOINTS or not is_far or fit.prior is None:
+    if not 1 < phasors.n <= _MOST_JOINTS or not is_far or fit.prior is None:
         return
     interval = float(np.median([record.interval_s for record in evidence.records]))
     found: Skew | None = None
     with suppress(JointIdError, np.linalg.LinAlgError):
-        found = skew(phasors, fit.prior, interval)
+        if evidence.has_motions:
+            phasors, source = few_phasors(list(evidence.records), fit.prior)
+            found = skew(phasors, fit.prior.of_rows(source), interval)
+        else:
+            found = skew(phasors, fit.prior, interval)
     if found is None:
         return
     late = (found.late_s - found.late_s.min()) / interval
@@ -95,9 +101,11 @@ class Skew:
 def skew(phasors: Phasors, prior: InertiaPrior, interval_s: float) -> Skew | None:
     """Times by which the joints are logged apart, if these explain the records; else None.
 
-    Raises JointIdError where the first fit fails.
+    Motions are fitted without friction: beside it, their noise follows from the residual, and contains
+    the error of the times. Raises JointIdError where the first fit fails.
     """
-    trial = _Trial(phasors, prior, freest(phasors, Model(None, delay=True), ("friction",)))
+    freely = () if phasors.motion.any() else ("friction",)
+    trial = _Trial(phasors, prior, freest(phasors, Model(None, delay=not phasors.motion.any()), freely))
     late, error = np.zeros(phasors.n), np.zeros(phasors.n)
     fit = trial.fit(late, regression_start(phasors, prior))
     before = fit.misfit
@@ -135,8 +143,8 @@ class _Trial:
     model: Model
 
     def _moved(self, late_s: Floats) -> tuple[Phasors, Noise]:
-        prior, moved = self.prior, moved_in_time(self.phasors, late_s)
-        return moved, spring_equations(moved, prior.inertias(prior.M, prior.M2)).noise
+        moved = moved_in_time(self.phasors, late_s)
+        return moved, noise_of_rows(moved, self.prior)
 
     def fit(self, late_s: Floats, start: Parameters) -> LikelihoodEstimate:
         moved, noise = self._moved(late_s)

@@ -34,7 +34,7 @@ _CHANCE, _CHANCE_OF_MOTIONS = 1e-4, 0.05
 _MOST_LEVERAGE = 0.999
 """Largest share of a direction's information from one record; its residual there is rounding."""
 _LEAST_RECORDS = 4
-"""Fewest records from which a scatter is computed."""
+"""Fewest records, or segments of motions, from which a scatter is computed; of whole motions, two."""
 POOR = 10.0
 """Misfit of a model that does not explain the data."""
 _EVALUATIONS = 2
@@ -222,17 +222,32 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
     (Σ ggᵀ) A⁻¹, with the leverage correction CR2 (Bell and McCaffrey, Survey Methodology 28, 2002). It
     holds for any cause of residuals that differs between records, such as sticking friction. The
     scatter of few records is inaccurate: it counts if that of K and D is significant, and then widens
-    the noise of each parameter by the ratio of both standard errors, if that is above 1. ``residual`` is
-    that at the estimate; ``prior_part`` of its covariance, both shape (P, P), comes from the prior, the
-    rest from noise.
+    the noise of each parameter by the ratio of both standard errors, if that is above 1. Segments of
+    motions scatter one by one, and the motion records as a whole: a torque scale may differ between
+    them, and is the same in all segments of one. ``residual`` is that at the estimate; ``prior_part`` of
+    its covariance, both shape (P, P), comes from the prior, the rest from noise.
     """
-    finite = finite_part(covariance)
+    finite, ends = finite_part(covariance), residual.at.problem.ends
     noise = finite - prior_part
-    records, own = len(residual.rows), 2 * residual.at.problem.n
-    if records < _LEAST_RECORDS or not np.all(np.diag(noise)[:own] > 0):
+    if not np.all(np.diag(noise)[: 2 * residual.at.problem.n] > 0):
         return covariance
-    shift, expected = _shifts(residual, finite)
-    scatter = records / (records - 1) * ((shift - shift.mean(axis=0)) ** 2).sum(axis=0)
+    rows = np.arange(len(residual.rows))
+    ratio = _scatter(residual, finite, noise, rows) if rows.size >= _LEAST_RECORDS else np.ones(1)
+    if ends is not None and np.unique(ends.logs).size > 1:
+        rows[ends.records] = rows.size + ends.logs
+        ratio = np.maximum(ratio, _scatter(residual, finite, noise, rows))
+    factor = np.sqrt(ratio) * np.ones(len(noise))
+    return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
+
+
+def _scatter(residual: WhitenedResidual, finite: Floats, noise: Floats, whole: np.ndarray) -> Floats:
+    """Variance of each parameter by the scatter of records over that by noise, (P,); at least 1.
+
+    ``whole``, shape (r,), is the record of each row.
+    """
+    own, size = 2 * residual.at.problem.n, np.diag(noise)
+    shift, expected = _shifts(residual, finite, whole)
+    scatter = len(shift) / (len(shift) - 1) * ((shift - shift.mean(axis=0)) ** 2).sum(axis=0)
     W = whitener(noise[:own, :own])
     chance = _CHANCE if residual.at.problem.ends is None else _CHANCE_OF_MOTIONS
     with np.errstate(invalid="ignore"):  # infinite for angles near zero
@@ -240,12 +255,8 @@ def widened_covariance(residual: WhitenedResidual, covariance: Floats, prior_par
         degrees_of_freedom = own**2 / (share**2).sum()
         found = (pulls**2).sum() / own
         is_significant = found * degrees_of_freedom >= chdtri(degrees_of_freedom, chance)
-    if not is_significant:
-        return covariance
-    size = np.diag(noise)
     ratio = np.divide(scatter, size, out=np.ones_like(size), where=size > 0)
-    factor = np.sqrt(np.maximum(ratio, 1.0))
-    return np.asarray(covariance + noise * (np.outer(factor, factor) - 1))
+    return np.maximum(ratio, 1.0) if is_significant else np.ones_like(size)
 
 
 def repeated_covariance(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, float]:
@@ -319,15 +330,16 @@ def with_law_signals(problem: Problem, vector: Floats) -> Problem:
     return with_law_noise(problem, vector)
 
 
-def _shifts(residual: WhitenedResidual, covariance: Floats) -> tuple[Floats, Floats]:
-    """Change of the parameters by each record's gradient, (r, P), and its covariance, (r, P, P)."""
+def _shifts(residual: WhitenedResidual, covariance: Floats, whole: np.ndarray) -> tuple[Floats, Floats]:
+    """Change of the parameters by each record's gradient, (k, P), and its covariance, (k, P, P)."""
     size = np.sqrt(np.diag(covariance))
     size = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * vectors * np.sqrt(2 * np.maximum(values, 0.0))  # of the inverse normal matrix
     columns = residual.visible_columns @ root
-    leverage, directions = np.linalg.eigh(columns.swapaxes(1, 2) @ columns)
-    gradient = (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
+    member = np.asarray(np.unique(whole)[:, None] == whole, float)
+    leverage, directions = np.linalg.eigh(np.tensordot(member, columns.swapaxes(1, 2) @ columns, 1))
+    gradient = member @ (columns.swapaxes(1, 2) @ residual.rows[..., None])[..., 0]
     left = np.sqrt(1 - np.clip(leverage, 0.0, _MOST_LEVERAGE))
     along = (directions.swapaxes(1, 2) @ gradient[..., None])[..., 0] / left
     back = root @ directions
