@@ -15,7 +15,7 @@ from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.comparison import compare
 from jointid.verdict.evidence import Evidence, Finding, good, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
-from jointid.verdict.rules_causes import torque_lags, unmodelled_presliding
+from jointid.verdict.rules_causes import beyond_logged_noise, torque_lags
 from jointid.verdict.rules_effects import effects_found
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_contradict, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
@@ -105,7 +105,7 @@ def motion_findings(
     causes += [] if own is None else inertias_contradict(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
     if not causes:
-        found += unmodelled_presliding(evidence)
+        found += beyond_logged_noise(evidence)
         resting = list(_joints_at_rest(fit, rests))
         rules = (model_limits, hardly_tested, hardly_known)[: 2 if resting else 3]
         found += [*resting, *(each for rule in rules for each in rule(evidence))]

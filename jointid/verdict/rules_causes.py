@@ -32,6 +32,9 @@ CLEAR = 4.0
 _MORE_THAN_LOGGED = 3.0
 """Noise by the residual over that of the logged torques from which friction is not explained: up to 1.4
 where the model fits, 10 with presliding friction."""
+_FAR_MORE_THAN_LOGGED = 10.0
+"""The same for any model with friction: up to 3.2 where it fits, from 16 with torques that are 2 % of
+the largest too small, or contain 2 % of another joint's."""
 _FAR_NEARER = 0.7
 """Power of the residual under other inertias, over that under the given ones, from which these are wrong
 although presliding friction is not modelled: 0.94 to 1.1 where the inertias were right."""
@@ -225,21 +228,37 @@ def is_far_nearer(one: ElasticityFit, other: ElasticityFit) -> bool:
     return bool(np.any(power(one) < _FAR_NEARER * power(other)))
 
 
-def unmodelled_presliding(evidence: Evidence) -> Iterator[Finding]:
-    """Torques that lead in motions with friction, with a residual beyond the noise of the log."""
+def beyond_logged_noise(evidence: Evidence) -> Iterator[Finding]:
+    """Motions with friction whose residual exceeds the noise of their logs.
+
+    Beside friction the noise follows from the residual, so that the misfit shows no error of the model.
+    """
     fit = evidence.fit
-    if not (leads_beside_friction(fit) and fit.times_logged_noise > _MORE_THAN_LOGGED):
+    times, rubs = fit.times_logged_noise, "coulomb" in fit.parameters.layout
+    leads = leads_beside_friction(fit) and times > _MORE_THAN_LOGGED
+    if not leads and not (rubs and times > _FAR_MORE_THAN_LOGGED and fit.misfit <= EXPLAINED):
         return
-    if half_a_sample(evidence)[0]:
+    if leads and half_a_sample(evidence)[0]:
+        return
+    residual = f"Residual: {times_noise(times)} of the logged torques. "
+    effect = float(relative(fit.standard_error, fit.estimate).max())
+    if leads:
+        yield warning(
+            "The model does not fully explain the friction of the motors",
+            "The fitted torques lead, which indicates friction that acts like a spring before a motor "
+            f"slides (presliding). {residual}K and D may be off by more than their error bars.",
+            "Move the joints faster, with torques well above their friction, or measure with sines. If "
+            "the logged torques are filtered, log them without the filter.",
+            effect,
+        )
         return
     yield warning(
-        "The model does not fully explain the friction of the motors",
-        "The fitted torques lead, which indicates friction that acts like a spring before a motor "
-        f"slides (presliding). Residual: {times_noise(fit.times_logged_noise)} of the logged torques. "
-        "K and D may be off by more than their error bars.",
-        "Move the joints faster, with torques well above their friction, or measure with sines. If the "
-        "logged torques are filtered, log them without the filter.",
-        float(relative(fit.standard_error, fit.estimate).max()),
+        "The model does not fully explain the motions",
+        f"{residual}The error bars follow from this residual; K and D may be off by more.",
+        "Check the torques of the log: a dead zone around zero, a scale that changes with the torque, "
+        "and the torque of another joint in the channel cause this. So does friction that the model "
+        "lacks: measure with sines to see which.",
+        effect,
     )
 
 
