@@ -927,7 +927,7 @@ def test_torques_that_lead_beside_friction_show_presliding(
 
 
 @pytest.mark.parametrize(
-    ("times", "misfit", "warns"), [(10.1, 1.0, True), (9.9, 1.0, False), (10.1, 1.2, False)]
+    ("times", "misfit", "warns"), [(12.1, 1.0, True), (11.9, 1.0, False), (12.1, 1.2, False)]
 )
 def test_a_residual_far_beyond_the_log_is_a_warning_beside_friction(
     times: float, misfit: float, warns: bool

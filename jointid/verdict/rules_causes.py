@@ -32,8 +32,8 @@ CLEAR = 4.0
 _MORE_THAN_LOGGED = 3.0
 """Noise by the residual over that of the logged torques from which friction is not explained: up to 1.4
 where the model fits, 10 with presliding friction."""
-_FAR_MORE_THAN_LOGGED = 10.0
-"""The same for any model with friction: up to 3.2 where it fits, from 16 with torques that are 2 % of
+_FAR_MORE_THAN_LOGGED = 12.0
+"""The same for any model with friction: up to 7.3 where it fits, from 16 with torques that are 2 % of
 the largest too small, or contain 2 % of another joint's."""
 _FAR_NEARER = 0.7
 """Power of the residual under other inertias, over that under the given ones, from which these are wrong
