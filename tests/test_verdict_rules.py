@@ -1900,7 +1900,7 @@ def test_findings_on_the_answer_require_right_data(monkeypatch: pytest.MonkeyPat
     assert order_of(monkeypatch, outlier=3, off=(3,), **every) == ["w record", "n one"]
     columns = order_of(monkeypatch, wrong_columns=["p columns"], motors_take_power=["p no"], **every)
     assert columns == ["p columns", "w record"]  # a note on wrong data may mislead
-    apart = order_of(monkeypatch, joints_apart=["p apart"], wrong_columns=["p no"], **every)
+    apart = order_of(monkeypatch, joints_apart=["p apart"], motors_take_power=["p no"], **every)
     assert apart == ["p apart", "w record"]
     foreign = order_of(monkeypatch, foreign_torques=["p foreign"], outlier=3, **every)
     assert foreign == ["p foreign", "w record"]
@@ -1998,8 +1998,7 @@ def test_findings_on_motions_require_right_data(monkeypatch: pytest.MonkeyPatch)
     inertias = of_motion(monkeypatch, own=1, inertias_contradict=["w inertias"], **doubts)
     assert inertias == ["w inertias"]
     assert of_motion(monkeypatch, inertias_contradict=["w no"]) == [fine]  # no fit of their own
-    apart = of_motion(monkeypatch, off=True, joints_apart=["p apart"], **wrong)
-    assert apart == ["p apart"]
+    assert of_motion(monkeypatch, off=True, joints_apart=["p apart"], **doubts) == ["p apart"]
     beyond = of_motion(monkeypatch, beyond_logged_noise=["w beyond"])
     assert beyond == ["w beyond"]
     sines = of_motion(monkeypatch, of_records=["w record"], not_physical=["p K"], counted_twice=["n 2"])

@@ -112,8 +112,8 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     if outlier is not None and outlier[0] not in off_frequency(evidence):  # reported with its cause
         found.append(outlier[1])
     if outlier is None and not scales:
-        scales = tuple(joints_apart(judged))
-        scales = scales or wrong_columns(judged, evidence.phasors, evidence.inertias)
+        scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
+        scales = scales or tuple(joints_apart(judged))
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
     if scales:  # the advice of notes, such as on amplitudes, requires correct data

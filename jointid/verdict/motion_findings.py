@@ -96,11 +96,12 @@ def motion_findings(
         theirs = [inertia for record, inertia in pairs if isinstance(record, SineRecord)]
         found += of_records(Evidence(evidence.sines, theirs, phasors, linear, {}))
     rests = _rests(motions)
-    causes = list(joints_apart(evidence))
-    if not causes and may_be_wrong(evidence):
+    causes: list[Finding] = []
+    if may_be_wrong(evidence):
         causes += wrong_motions(records, inertias, matrices) or axes_exchanged(evidence)
-    elif not causes and fit.misfit > EXPLAINED:
+    elif fit.misfit > EXPLAINED:
         causes += damaged_torques(motions)
+    causes += [] if causes else joints_apart(evidence)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)
     found += [*causes, *effects_found(evidence), *torque_lags(evidence)]
