@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from random_cases import tries
 
+from benchmarks import log_faults
 from benchmarks.independent_robot import MAX_STEP_S, Robot, paper_motions, simulate
 from benchmarks.real_robots import (
     COMBINED,
@@ -304,3 +305,17 @@ def test_an_insignificant_part_of_the_only_model_that_explains_the_data_is_left_
     fit = analyse(Study(records, Inertia(robot.M, robot.M2))).fit
     assert fit.misfit < 1.1
     assert np.all(np.abs(fit.estimate - robot.answer) < 3 * fit.standard_error)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("kind", "fault"),
+    [("sines", "joint 2 late by a sample"), ("motions", "dead zone, 2 % of the torque")],
+)
+def test_faults_of_the_log_beside_friction_are_told(kind: str, fault: str) -> None:
+    """K of the motions was 37 stated errors off without a warning."""
+    study, answer, run = list(log_faults._studies(0, kind))[1]
+    right = log_faults._outcome(log_faults.FAULTS["none"], study, answer, run)
+    assert not right.alarms
+    assert np.abs(right.z).max() < 4
+    assert log_faults._outcome(log_faults.FAULTS[fault], study, answer, run).alarms
