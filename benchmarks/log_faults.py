@@ -1,4 +1,4 @@
-"""Faults of the log: which are told, and whether an answer without a warning is right.
+"""Faults of the log: which ones cause a warning, and whether an answer without one is right.
 
     python -m benchmarks.log_faults [runs, 4] [sines | motions] [fault ...]
 
@@ -30,7 +30,8 @@ Signals = tuple[Array, Array]
 Fault = Callable[[Array, Array, Array, np.random.Generator], Signals]
 """Of angles and torques (N, n), with the largest torques (n,)."""
 KINDS = "sines", "motions"
-_FRICTION_NM = {"no friction": None, "friction": [0.25, 0.05]}
+_COULOMB_NM = [0.25, 0.05]
+"""Friction of the motors in motions."""
 
 
 def _coloured(angle: Array, torque: Array, size: Array, rng: np.random.Generator) -> Signals:
@@ -99,18 +100,20 @@ def table(runs: int, kind: str, faults: Sequence[str]) -> Table:
 
 
 def _studies(run: int, kind: str) -> Iterator[tuple[Study, Array, int]]:
-    for share, coulomb in zip((0.0, 0.3), _FRICTION_NM.values(), strict=True):
+    """Without and with friction: study, true K and D, and run."""
+    for rubs in (False, True):
         if kind == "sines":
-            case = Case(change=rubbing(share, viscous=0.04)) if share else Case()
+            case = Case(change=rubbing(0.3, viscous=0.04)) if rubs else Case()
             made = case.campaign(run, noise=0.005)
             yield made.study(simulate([(made.robot, made.experiment)])[0]), made.answer, run
         else:
             rng = np.random.default_rng([run, 3])
             robot = replace(CELL, K=CELL.K * np.exp(rng.uniform(-0.3, 0.3, 2)))
-            if coulomb:
-                robot = replace(robot, coulomb=np.array(coulomb), viscous=np.array([0.002, 0.0004]))
-            kinds = ("random", "moves")[run % 2]
-            (records,) = motion.simulate([(robot, Motion(kinds, records=3, duration_s=12.0, seed=run))])
+            if rubs:
+                robot = replace(robot, coulomb=np.array(_COULOMB_NM), viscous=np.array([0.002, 0.0004]))
+            reference = ("random", "moves")[run % 2]
+            made_by = Motion(reference, records=3, duration_s=12.0, seed=run)
+            (records,) = motion.simulate([(robot, made_by)])
             yield Study(records, motion.given(robot, 0.02, rng), inertia_std=0.05), robot.answer, run
 
 

@@ -312,7 +312,7 @@ def test_an_insignificant_part_of_the_only_model_that_explains_the_data_is_left_
     ("kind", "fault"),
     [("sines", "joint 2 late by a sample"), ("motions", "dead zone, 2 % of the torque")],
 )
-def test_faults_of_the_log_beside_friction_are_told(kind: str, fault: str) -> None:
+def test_faults_of_the_log_beside_friction_cause_a_warning(kind: str, fault: str) -> None:
     """K of the motions was 37 stated errors off without a warning."""
     study, answer, run = list(log_faults._studies(0, kind))[1]
     right = log_faults._outcome(log_faults.FAULTS["none"], study, answer, run)

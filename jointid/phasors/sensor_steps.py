@@ -38,12 +38,14 @@ _LEAST_REST, _AT_REST = 0.5, 1.5
 """Length of a rest in a motion, in periods of its highest harmonic: shorter ones are turning points; and
 mean square of the error there over Δ²/12: a controller that moves a motor towards its reference
 leaves it near the edge of a step more often than in its middle (3 at the edge)."""
-_TURNS = 1.2020569 / np.pi**4
+_ZETA = 1.2020569
+"""ζ(3), the sum of 1/k³: rounding has the Fourier series of a sawtooth."""
+_TURNS = _ZETA / np.pi**4
 """Variance of a harmonic of a rounded sine of any offset, times its amplitude, in steps: ζ(3)/π⁴, from
 the Fourier series of rounding, a sine's Bessel functions and their mean squares for large arguments."""
 _EXTREME = 4.0
 """Most steps from its extremes in which a motion is compared with a sine."""
-_DWELL = math.pi * math.sqrt(8 / 3 / 1.2020569)
+_DWELL = math.pi * math.sqrt(8 / 3 / _ZETA)
 """Error of a rest as long as a sine is within one step of its extreme, over the sine's own there: a rest
 of time t adds t/√12, in steps, to that of a turning point of curvature κ, (ζ(3)/2)^½/(π κ^½). Times √2:
 all of it is in phase with the motion, so that one of two quadratures has the variance of both."""

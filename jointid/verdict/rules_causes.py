@@ -233,32 +233,35 @@ def beyond_logged_noise(evidence: Evidence) -> Iterator[Finding]:
 
     Beside friction the noise follows from the residual, so that the misfit shows no error of the model.
     """
-    fit = evidence.fit
-    times, rubs = fit.times_logged_noise, "coulomb" in fit.parameters.layout
-    leads = leads_beside_friction(fit) and times > _MORE_THAN_LOGGED
-    if not leads and not (rubs and times > _FAR_MORE_THAN_LOGGED and fit.misfit <= EXPLAINED):
-        return
-    if leads and half_a_sample(evidence)[0]:
-        return
-    residual = f"Residual: {times_noise(times)} of the logged torques. "
-    effect = float(relative(fit.standard_error, fit.estimate).max())
-    if leads:
-        yield warning(
-            "The model does not fully explain the friction of the motors",
+    fit, times = evidence.fit, evidence.fit.times_logged_noise
+    rubs = "coulomb" in fit.parameters.layout
+    if leads_beside_friction(fit) and times > _MORE_THAN_LOGGED:
+        if half_a_sample(evidence)[0]:
+            return
+        what, so = "friction of the motors", "K and D may be off by more than their error bars."
+        why = (
             "The fitted torques lead, which indicates friction that acts like a spring before a motor "
-            f"slides (presliding). {residual}K and D may be off by more than their error bars.",
-            "Move the joints faster, with torques well above their friction, or measure with sines. If "
-            "the logged torques are filtered, log them without the filter.",
-            effect,
+            "slides (presliding). "
         )
+        remedy = (
+            "Move the joints faster, with torques well above their friction, or measure with sines. If "
+            "the logged torques are filtered, log them without the filter."
+        )
+    elif rubs and times > _FAR_MORE_THAN_LOGGED and fit.misfit <= EXPLAINED:
+        what, why = "motions", ""
+        so = "The error bars follow from this residual; K and D may be off by more."
+        remedy = (
+            "Check the torques of the log: a dead zone around zero, a scale that changes with the "
+            "torque, and the torque of another joint in the channel cause this. So does friction that "
+            "the model lacks: measure with sines to see which."
+        )
+    else:
         return
     yield warning(
-        "The model does not fully explain the motions",
-        f"{residual}The error bars follow from this residual; K and D may be off by more.",
-        "Check the torques of the log: a dead zone around zero, a scale that changes with the torque, "
-        "and the torque of another joint in the channel cause this. So does friction that the model "
-        "lacks: measure with sines to see which.",
-        effect,
+        f"The model does not fully explain the {what}",
+        f"{why}Residual: {times_noise(times)} of the logged torques. {so}",
+        remedy,
+        float(relative(fit.standard_error, fit.estimate).max()),
     )
 
 

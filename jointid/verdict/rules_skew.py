@@ -8,11 +8,11 @@ enters and leaves it by so short a time.
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from jointid.arrays import Complexes, Floats
+from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.estimation.candidates import Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
@@ -25,6 +25,7 @@ from jointid.estimation.motion_noise import noise_of_rows
 from jointid.estimation.regression_start import regression_start
 from jointid.phasors.extract import Phasors
 from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, times_noise
+from jointid.verdict.scorer import corrected
 from jointid.wording import enumerated, joints_text, with_error
 
 _MOST_JOINTS = 4
@@ -49,16 +50,16 @@ def joints_apart(evidence: Evidence) -> Iterator[Finding]:
     """Some joints are logged later than others."""
     phasors, fit = evidence.phasors, evidence.fit
     is_far = not (np.all(fit.K > 0) and fit.misfit < _DOUBTFUL)
-    if not 1 < phasors.n <= _MOST_JOINTS or not is_far or fit.prior is None:
+    prior = fit.prior
+    if not 1 < phasors.n <= _MOST_JOINTS or not is_far or prior is None:
         return
     interval = float(np.median([record.interval_s for record in evidence.records]))
     found: Skew | None = None
     with suppress(JointIdError, np.linalg.LinAlgError):
         if evidence.has_motions:
-            phasors, source = few_phasors(list(evidence.records), fit.prior)
-            found = skew(phasors, fit.prior.of_rows(source), interval)
-        else:
-            found = skew(phasors, fit.prior, interval)
+            phasors, source = few_phasors(list(evidence.records), prior)
+            prior = prior.of_rows(source)
+        found = skew(phasors, prior, interval)
     if found is None:
         return
     late = (found.late_s - found.late_s.min()) / interval
@@ -104,8 +105,9 @@ def skew(phasors: Phasors, prior: InertiaPrior, interval_s: float) -> Skew | Non
     Motions are fitted without friction: beside it, their noise follows from the residual, and contains
     the error of the times. Raises JointIdError where the first fit fails.
     """
-    freely = () if phasors.motion.any() else ("friction",)
-    trial = _Trial(phasors, prior, freest(phasors, Model(None, delay=not phasors.motion.any()), freely))
+    is_sine = not phasors.motion.any()
+    model = freest(phasors, Model(None, delay=is_sine), ("friction",) * is_sine)
+    trial = _Trial(phasors, prior, model)
     late, error = np.zeros(phasors.n), np.zeros(phasors.n)
     fit = trial.fit(late, regression_start(phasors, prior))
     before = fit.misfit
@@ -158,15 +160,6 @@ class _Trial:
 
 def moved_in_time(phasors: Phasors, late_s: Floats) -> Phasors:
     """Phasors of joints that are logged late by ``late_s``, shape (n,), at common instants."""
-    n, H = phasors.n, phasors.harmonics.shape[1]
-    s = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None]
-    turn: Complexes = np.exp(s * np.tile(late_s, 2))
-    both = turn[..., :, None] * turn[..., None, :].conj()
-    return replace(
-        phasors,
-        q=phasors.q * turn[:, 0, :n],
-        tau=phasors.tau * turn[:, 0, n:],
-        covariance=phasors.covariance * both[:, 0],
-        harmonics=phasors.harmonics * turn,
-        harmonic_covariance=phasors.harmonic_covariance * both,
-    )
+    orders = np.arange(1, phasors.harmonics.shape[1] + 1)
+    s = 1j * phasors.omega[:, None, None] * orders[:, None]
+    return corrected(phasors, np.exp(-s * np.tile(late_s, 2)))

@@ -63,16 +63,20 @@ class Hypothesis:
         return Inertia(given.M[place], *(arm[np.ix_(place, place)] for arm in arms))
 
 
-def corrected(phasors: Phasors, scale: Floats) -> Phasors:
-    """Phasors divided by the scale of each record's angles, then torques, shape (r, 2n)."""
-    square = scale[:, :, None] * scale[:, None]
+def corrected(phasors: Phasors, scale: Floats | Complexes) -> Phasors:
+    """Phasors divided by the scale of each record's angles, then torques.
+
+    Its shape is (r, 2n), or (r, H, 2n) by harmonic.
+    """
+    scale = scale if scale.ndim == 3 else scale[:, None]
+    square = scale[..., :, None] * scale[..., None, :].conj()
     return replace(
         phasors,
-        q=phasors.q / scale[:, : phasors.n],
-        tau=phasors.tau / scale[:, phasors.n :],
-        covariance=phasors.covariance / square,
-        harmonics=phasors.harmonics / scale[:, None],
-        harmonic_covariance=phasors.harmonic_covariance / square[:, None],
+        q=phasors.q / scale[:, 0, : phasors.n],
+        tau=phasors.tau / scale[:, 0, phasors.n :],
+        covariance=phasors.covariance / square[:, 0],
+        harmonics=phasors.harmonics / scale,
+        harmonic_covariance=phasors.harmonic_covariance / square,
     )
 
 
