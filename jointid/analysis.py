@@ -23,7 +23,7 @@ from jointid.joints import Inertia
 from jointid.phasors.extract import Phasors, extract_phasors, no_phasors
 from jointid.records import require_torques
 from jointid.small_matrices import one_thread
-from jointid.study import Study, fits_with_motion, motion_matrices, motions_by_pose, sine_matrices
+from jointid.study import Study, fits_with_motion, motion_matrices, sine_matrices, spectra_by_pose
 from jointid.transfer_matrix import TransferMatrix
 from jointid.uncertainty.answer_tables import PriorRow, prior_rows
 from jointid.verdict.findings import Evidence, Finding, ends_early, findings, limit_of_records
@@ -260,7 +260,7 @@ def _analyse(study: Study, method: str, known: Analysis | None = None) -> Analys
         phasors = extract_phasors(sines) if sines else no_phasors(study.inertia.n)
         transfer_matrices, problem = sine_matrices(study, phasors)
     if study.motion_records:
-        by_pose, problem = motions_by_pose(study, transfer_matrices, problem)
+        by_pose, problem = spectra_by_pose(study, transfer_matrices, problem)
         of_motions, problem = motion_matrices(by_pose, problem)
         transfer_matrices |= of_motions
         fits = fits_with_motion(study, phasors, method, transfer_matrices)

@@ -18,11 +18,16 @@ from jointid.estimation.estimators.linear_fit import LINEAR
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.identify_motion import identify_motion, require_motion_method
 from jointid.joints import Elasticity, Inertia
-from jointid.phasors.coherence import coherent_band
+from jointid.motion.spectral_lines import RecordSpectrum
 from jointid.phasors.extract import Phasors
 from jointid.records import MotionRecord, SineRecord
 from jointid.robot_models.model import RobotModel
-from jointid.transfer_matrix import TransferMatrix, estimate_transfer_matrix, motion_transfer_matrix
+from jointid.transfer_matrix import (
+    TransferMatrix,
+    estimate_transfer_matrix,
+    record_spectra,
+    response_of_spectra,
+)
 from jointid.verdict.motion_findings import wrong_motions
 from jointid.wording import counted, plain, significant
 
@@ -280,26 +285,22 @@ def _require_date(date: object) -> None:
         raise JointIdError(f"date = {date}: its offset from UTC must be in whole minutes.")
 
 
-def motions_by_pose(
+def spectra_by_pose(
     study: Study, matrices: dict[str, TransferMatrix], problem: str
-) -> tuple[dict[str, list[MotionRecord]], str]:
-    """Motions, with their bands, of the poses that have no transfer matrix by sines."""
-    found: dict[str, list[MotionRecord]] = {}
+) -> tuple[dict[str, list[RecordSpectrum]], str]:
+    """Spectra of the motions of the poses that have no transfer matrix by sines."""
+    found: dict[str, list[RecordSpectrum]] = {}
     motions = [record for record in study.motion_records if (record.pose or "") not in matrices]
     for pose in dict.fromkeys(record.pose or "" for record in motions):
         try:
-            found[pose] = [
-                replace(record, band_hz=record.band_hz or coherent_band(record))
-                for record in motions
-                if (record.pose or "") == pose
-            ]
+            found[pose] = record_spectra([each for each in motions if (each.pose or "") == pose])
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return found, problem
 
 
 def motion_matrices(
-    by_pose: dict[str, list[MotionRecord]], problem: str, fit: ElasticityFit | None = None
+    by_pose: dict[str, list[RecordSpectrum]], problem: str, fit: ElasticityFit | None = None
 ) -> tuple[dict[str, TransferMatrix], str]:
     """Transfer matrices of motions, without the friction and the delay of a fit."""
     without: dict[str, Any] = {}
@@ -308,9 +309,9 @@ def motion_matrices(
         if fit.friction is not None:
             without |= {"coulomb": fit.friction.coulomb, "viscous": fit.friction.viscous}
     matrices = {}
-    for pose, records in by_pose.items():
+    for pose, spectra in by_pose.items():
         try:
-            matrices[pose] = motion_transfer_matrix(records, **without)
+            matrices[pose] = response_of_spectra(spectra, **without)
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return matrices, problem

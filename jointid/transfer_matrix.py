@@ -1,6 +1,5 @@
 """Transfer matrix of the motors from phasors, equations (16)-(18), independent of the controllers."""
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,12 +8,10 @@ import numpy as np
 
 from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
-from jointid.motion.sampling import UniformPart, uniform_parts
-from jointid.motion.spectral_lines import SpectralLines, noise_variances
-from jointid.motion.velocity import smooth_velocity
+from jointid.motion.sampling import parts_of_records
+from jointid.motion.spectral_lines import RecordSpectrum, SpectralLines
 from jointid.phasors.coherence import coherent_band
 from jointid.phasors.extract import Phasors
-from jointid.phasors.sensor_steps import quantum
 from jointid.records import MotionRecord
 from jointid.wording import counted, percent
 
@@ -31,8 +28,6 @@ _SURE = 2.0
 """Standard errors of a measured power that are kept as a margin."""
 _UNKNOWN = 0.5
 """Relative error of H from a motion without information."""
-_ROUNDING = 1e-6
-"""Distance from an end of the band, in spectral lines, that is rounding."""
 _NOISE_MARGIN = 3.0
 """Smallest singular value of the torques over their noise."""
 
@@ -101,21 +96,39 @@ def motion_transfer_matrix(
     subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
     the records, s. Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
     """
+    return response_of_spectra(record_spectra(records), coulomb=coulomb, viscous=viscous, delay=delay)
+
+
+def record_spectra(records: Sequence[MotionRecord]) -> list[RecordSpectrum]:
+    """Spectra of all records of one pose, for :func:`response_of_spectra`.
+
+    Raises JointIdError when a clock is too uneven or a record has no coherent band.
+    """
     if len({record.n for record in records}) != 1:
         raise JointIdError("The transfer matrix needs motion records, all of the same joints.")
-    parts = [
-        (part, record, coherent_band(record) if record.band_hz is None else record.band_hz)
-        for k, record in enumerate(records)
-        for part in uniform_parts(record, k, record.label or f"motion record {k + 1}")
-    ]
-    longest = max(part.theta.shape[1] * part.interval_s for part, _, _ in parts)
-    half = max(_LINES / longest, _NARROW)
-    spectra = [_spectrum(*part, coulomb, viscous, delay) for part in parts]
-    low, high = min(band[0] for *_, band in parts), max(band[1] for *_, band in parts)
+    found = []
+    for record, parts in zip(records, parts_of_records(records), strict=True):
+        band_hz = record.band_hz or coherent_band(record)
+        found += [RecordSpectrum.of(part, record, band_hz) for part in parts]
+    return found
+
+
+def response_of_spectra(
+    spectra: Sequence[RecordSpectrum],
+    *,
+    coulomb: Floats | float = 0.0,
+    viscous: Floats | float = 0.0,
+    delay: float = 0.0,
+) -> TransferMatrix:
+    """:func:`motion_transfer_matrix` from spectra that are known."""
+    parts = [each.part for each in spectra]
+    half = max(_LINES / max(part.duration_s for part in parts), _NARROW)
+    low, high = min(each.band_hz[0] for each in spectra), max(each.band_hz[1] for each in spectra)
     centres = np.arange(low + half, high - half, 2 * half).tolist()
-    bands = {2 * np.pi * centre: partial(_local, spectra, centre, half) for centre in centres}
+    free = [each.without(coulomb, viscous, delay) for each in spectra]
+    bands = {2 * np.pi * centre: partial(_local, free, centre, half) for centre in centres}
     matrix = _matrix(bands, "The transfer matrix cannot be estimated from these motions.")
-    held_s = max((part.interval_s for part, _, _ in parts if part.held), default=0.0)
+    held_s = max((part.interval_s for part in parts if part.held), default=0.0)
     return replace(matrix, covariance=matrix.covariance + _of_images(matrix, held_s))
 
 
@@ -132,40 +145,8 @@ def _of_images(matrix: TransferMatrix, held_s: float) -> Floats:
     return np.asarray(np.einsum("fj,ja,jb->fab", images**2, diagonals, diagonals))
 
 
-def _spectrum(
-    part: UniformPart,
-    record: MotionRecord,
-    band: tuple[float, float],
-    coulomb: Floats | float,
-    viscous: Floats | float,
-    delay: float,
-) -> tuple[Floats, Complexes, Complexes, Floats]:
-    """Frequencies (k,), accelerations and torques as they act, each (k, n), in the band, and the
-    variances of ``SpectralLines.noise``."""
-    samples, T = part.theta.shape[1], part.interval_s
-    tau = part.tau
-    if np.any(np.asarray(coulomb)) or np.any(np.asarray(viscous)):
-        floor = np.array([quantum(angle) ** 2 / 12 for angle in part.theta])
-        velocity, *_ = smooth_velocity(part.theta, T, floor)
-        loss = np.reshape(coulomb, (-1, 1)) * np.sign(velocity)
-        tau = tau - loss - np.reshape(viscous, (-1, 1)) * velocity
-    s = 2j * np.pi * np.fft.rfftfreq(samples, T)[1:]
-    first, last = np.array(band) * samples * T + [-_ROUNDING, _ROUNDING]  # lines from 1 on
-    inside = slice(max(math.ceil(first) - 1, 0), int(last))
-    timing = np.exp(-s * (record.torque_delay_s + delay))
-    if part.held:
-        timing *= -np.expm1(-s * T) / (s * T)
-    q, torque = (np.fft.rfft(x, axis=1)[:, 1:] / samples for x in (part.theta, tau))
-    chosen = (x.T[inside] for x in (s**2 * q, timing * torque))
-    f = np.asarray(s.imag[inside] / (2 * np.pi), float)
-    # A short part between two gaps may have no line in the band.
-    noise = noise_variances(part, f) / samples if f.size else np.zeros((2, 0, len(tau)))
-    noise[0] *= np.abs(s[inside, None]) ** 4
-    return (f, *chosen, noise)
-
-
 def _local(
-    spectra: Sequence[tuple[Floats, Complexes, Complexes, Floats]], centre: float, half: float
+    spectra: Sequence[RecordSpectrum], centre: float, half: float
 ) -> tuple[Complexes, Complexes, float]:
     """H, its covariance and the condition of the torques from the lines around a frequency."""
     for order in _ORDERS:
@@ -177,18 +158,18 @@ def _local(
 
 
 def _polynomial(
-    spectra: Sequence[tuple[Floats, Complexes, Complexes, Floats]],
+    spectra: Sequence[RecordSpectrum],
     centre: float,
     half: float,
     order: int,
 ) -> tuple[Complexes, Complexes, float]:
     """H, its covariance and the condition by polynomials of one order."""
     lines = []
-    for f, acceleration, torque, noise in spectra:
-        near = np.abs(f - centre) <= half
+    for each in spectra:
+        near = np.abs(each.frequency_hz - centre) <= half
         if near.sum() > order:
-            values = acceleration[near], torque[near], noise[:, near]
-            lines.append(SpectralLines.of((f[near] - centre) / half, order, *values))
+            values = each.acceleration[near], each.torque[near], each.noise[:, near]
+            lines.append(SpectralLines.of((each.frequency_hz[near] - centre) / half, order, *values))
     at = f"At {centre:.4g} Hz"
     too_few = f"{at} the records have too few spectral lines: record longer."
     if not lines:

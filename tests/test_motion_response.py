@@ -18,8 +18,7 @@ from jointid import (
     simulate_motion,
 )
 from jointid.arrays import Floats
-from jointid.motion.sampling import uniform_parts
-from jointid.transfer_matrix import TransferMatrix, _of_images, _spectrum, motion_transfer_matrix
+from jointid.transfer_matrix import TransferMatrix, _of_images, motion_transfer_matrix, record_spectra
 
 RATE_HZ, DURATION_S = 500.0, 20.0
 BAND_HZ = (3.0, 60.0)
@@ -285,7 +284,7 @@ def test_the_velocity_under_friction_knows_the_rounding_of_the_encoder(
         asked.append(floor)
         return (np.gradient(theta, interval_s, axis=1),)
 
-    monkeypatch.setattr("jointid.transfer_matrix.smooth_velocity", velocity)
+    monkeypatch.setattr("jointid.motion.spectral_lines.smooth_velocity", velocity)
     plain = record(1, 1)
     coarse = replace(plain, theta_rad=step * np.rint(5 * plain.theta_rad / step))
     motion_transfer_matrix([coarse], viscous=1e-9)
@@ -298,9 +297,8 @@ def test_the_spectral_lines_are_those_of_the_band() -> None:
     record = MotionRecord(
         time_s=t, theta_rad=rng.standard_normal((2000, 1)), tau_Nm=rng.standard_normal((2000, 1))
     )
-    (part,) = uniform_parts(record, 0, "a")
-    found = _spectrum(part, record, (3.0, 20.0), 0.0, 0.0, 0.0)[0]
-    np.testing.assert_allclose(found, np.arange(60, 401) / 20)
+    (found,) = record_spectra([replace(record, band_hz=(3.0, 20.0))])
+    np.testing.assert_allclose(found.frequency_hz, np.arange(60, 401) / 20)
 
 
 def test_images_of_held_torques_move_rotors_alone() -> None:

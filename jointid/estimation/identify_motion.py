@@ -34,6 +34,7 @@ from jointid.estimation.motion_noise import (
 from jointid.estimation.regression_start import regressed, regression_start
 from jointid.joints import Elasticity, Inertia, resonances
 from jointid.motion.friction import friction_waveforms
+from jointid.motion.sampling import UniformPart, parts_of_records
 from jointid.motion.spectra import motion_phasors
 from jointid.phasors.extract import Phasors, extract_phasors
 from jointid.records import MotionRecord, SineRecord, require_equal_joints, require_torques
@@ -159,14 +160,15 @@ def _identified(
     search: Callable[..., Choice],
     gives_up: Callable[[], bool],
 ) -> ElasticityFit:
-    phasors, source = _phasors(records, given.M[given.rotor])
+    sampled = parts_of_records([each for each in records if isinstance(each, MotionRecord)])
+    phasors, source = _phasors(records, given.M[given.rotor], sampled=sampled)
     _require_motion(phasors)
     prior = given.of_rows(source)
     begin = regression_start(phasors, prior)
     widened = _WIDER if "coulomb" in begin.layout and _is_crowded(phasors) else 1.0
     most_hz = _highest_hz(phasors, prior, begin)
     if widened > 1 or most_hz < np.inf:
-        phasors, source = _phasors(records, given.M[given.rotor], widened, most_hz)
+        phasors, source = _phasors(records, given.M[given.rotor], widened, most_hz, sampled)
         prior = given.of_rows(source)
     whole = phasors, prior
     rows, many = _few(phasors, prior), _are_many(phasors)
@@ -306,8 +308,12 @@ def _phasors(
     M: Floats,
     widened: float = 1.0,
     most_hz: float = np.inf,
+    sampled: Sequence[list[UniformPart]] | None = None,
 ) -> tuple[Phasors, np.ndarray]:
-    """Rows of all records, and the record of each row."""
+    """Rows of all records, and the record of each row.
+
+    Parts of the motions on a uniform grid may be known.
+    """
     motions = {k: record for k, record in enumerate(records) if isinstance(record, MotionRecord)}
     sines = {k: record for k, record in enumerate(records) if isinstance(record, SineRecord)}
     parts: list[Phasors] = []
@@ -316,7 +322,8 @@ def _phasors(
         parts.append(extract_phasors(list(sines.values())))
         source += sines
     if motions:
-        rows = motion_phasors(list(motions.values()), M[list(motions)], widened, most_hz)
+        moved, rotors = list(motions.values()), M[list(motions)]
+        rows = motion_phasors(moved, rotors, widened, most_hz, sampled)
         parts.append(rows)
         numbers = list(motions)
         source += [numbers[segment.record] for segment in rows.segments if segment is not None]

@@ -1,10 +1,12 @@
 """Motion records on a uniform grid: small jitter is resampled, gaps divide a record."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.fft import prev_fast_len
 from scipy.interpolate import CubicSpline
 
 from jointid.arrays import Complexes, Floats
@@ -34,6 +36,11 @@ class UniformPart:
     """Shape (n, N), N·m."""
     held: bool
 
+    @property
+    def duration_s(self) -> float:
+        """Time of all samples, a step each."""
+        return float(self.theta.shape[1] * self.interval_s)
+
     @cached_property
     def rotor_spectra(self) -> tuple[Floats, Complexes, Complexes]:
         """Frequencies (f,), and spectra of mean torque over two steps and acceleration, each (n, f)."""
@@ -54,12 +61,25 @@ class UniformPart:
 
 
 def windowed_spectrum(signals: Floats, interval_s: float) -> tuple[Floats, Complexes]:
-    """Frequencies (f,), Hz, and spectra of signals (..., N), (..., f); of white noise, |.|² is σ²."""
-    samples = signals.shape[-1]
+    """Frequencies (f,), Hz, and spectra of signals (..., N), (..., f); of white noise, |.|² is σ².
+
+    Without the few last samples that would make the transform slow.
+    """
+    samples = prev_fast_len(signals.shape[-1], real=True)
     window = np.hanning(samples)
     window /= np.sqrt((window**2).sum())
     f = np.asarray(np.fft.rfftfreq(samples, interval_s), float)
-    return f, np.fft.rfft(signals * window, axis=-1)
+    return f, np.fft.rfft(signals[..., :samples] * window, axis=-1)
+
+
+def parts_of_records(records: Sequence[MotionRecord]) -> list[list[UniformPart]]:
+    """``uniform_parts`` of every record."""
+    return [uniform_parts(record, k, name_of(record, k)) for k, record in enumerate(records)]
+
+
+def name_of(record: MotionRecord, index: int) -> str:
+    """Name of a record in messages."""
+    return record.label or f"motion record {index + 1}"
 
 
 def uniform_parts(record: MotionRecord, index: int, name: str) -> list[UniformPart]:

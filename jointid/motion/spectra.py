@@ -16,7 +16,7 @@ from jointid.arrays import Floats
 from jointid.errors import JointIdError
 from jointid.motion.band import HIGHEST, proposed_band
 from jointid.motion.noise import repeated_variances, sensor_variances
-from jointid.motion.sampling import UniformPart, uniform_parts
+from jointid.motion.sampling import UniformPart, name_of, parts_of_records
 from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.extract import Phasors
 from jointid.phasors.segment import Segment, bins_of
@@ -40,27 +40,32 @@ _EXACT = 1e4
 
 
 def motion_phasors(
-    records: Sequence[MotionRecord], M: Floats, widened: float = 1.0, most_hz: float = np.inf
+    records: Sequence[MotionRecord],
+    M: Floats,
+    widened: float = 1.0,
+    most_hz: float = np.inf,
+    parts: Sequence[list[UniformPart]] | None = None,
 ) -> Phasors:
     """Phasors of the segments of motion records.
 
     ``M``, shape (r, n), is the rotor inertia of each record, kg·m², to separate the noise of torque and
     angle. ``widened`` multiplies the highest frequency of bands that the records do not state, and
-    ``most_hz`` limits it. Raises JointIdError when a record's clock is too uneven, or its band is empty.
+    ``most_hz`` limits it. ``parts`` are those of ``parts_of_records``, where they are known. Raises
+    JointIdError when a record's clock is too uneven, or its band is empty.
     """
     found = []
-    for index, record in enumerate(records):
-        name = record.label or f"motion record {index + 1}"
-        parts = uniform_parts(record, index, name)
-        band, least_s, variance, limits = _band_and_noise(record, parts, M[index], widened, most_hz)
+    sampled = parts_of_records(records) if parts is None else parts
+    for index, (record, own) in enumerate(zip(records, sampled, strict=True)):
+        band, least_s, variance, limits = _band_and_noise(record, own, M[index], widened, most_hz)
+        name = name_of(record, index)
         found += [
             _row(segment, samples, record, name, part.held)
-            for part in parts
+            for part in own
             for segment, samples in _segments(part, band, least_s, variance, limits, record)
         ]
         if not any(row.segments[0].record == index for row in found if row.segments[0]):
-            if len(parts) > 1:
-                longest_s = max(part.theta.shape[1] * part.interval_s for part in parts)
+            if len(own) > 1:
+                longest_s = max(part.duration_s for part in own)
                 raise JointIdError(
                     f"{name}: missing samples interrupt this record, and the longest part without a "
                     f"gap, {longest_s:.2g} s, is too short for a spectrum. Log without interruptions."
@@ -124,7 +129,7 @@ def _segments(
     samples = np.concatenate([part.theta, part.tau])
     velocity, noise, blur = smooth_velocity(part.theta, part.interval_s, variance[:n])
     steps = [quantum(theta) for theta in part.theta]
-    duration_s = N * part.interval_s
+    duration_s = part.duration_s
     length = max(least_s, _PERIODS / band[1])
     shorter = max(_MOST_EQUATIONS / (2 * n * band[1]), _CYCLES / band[0], _PERIODS / band[1])
     if n > 2:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -11,7 +13,9 @@ from scipy.optimize import nnls
 from jointid.arrays import Complexes, Floats
 from jointid.motion.noise import BEYOND, repeated_variances
 from jointid.motion.sampling import UniformPart, windowed_spectrum
+from jointid.motion.velocity import smooth_velocity
 from jointid.phasors.sensor_steps import quantum
+from jointid.records import MotionRecord
 
 _QUIET = 0.35, 0.48
 """Frequencies over the sample rate at which the angles have noise only."""
@@ -19,6 +23,57 @@ _BANDS, _LEAST_LINES = 24, 16
 """Bands above the motion in each of which a controller has one gain, and lines of such a band."""
 _MOVED = 2.0
 """Power over that of noise from which there is a motion, or rounding that follows it."""
+_ROUNDING = 1e-6
+"""Distance from an end of the band, in spectral lines, that is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordSpectrum:
+    """Spectral lines of a record, or of a part between its gaps, within its band: k of n joints."""
+
+    part: UniformPart
+    band_hz: tuple[float, float]
+    frequency_hz: Floats
+    """Shape (k,)."""
+    acceleration: Complexes
+    """Shape (k, n)."""
+    torque: Complexes
+    """As they act, shape (k, n)."""
+    timing: Complexes
+    """Torque as it acts over that of the samples, shape (k,)."""
+    noise: Floats
+    """Variances of ``noise_variances`` in the lines, shape (2, k, n)."""
+
+    @classmethod
+    def of(cls, part: UniformPart, record: MotionRecord, band_hz: tuple[float, float]) -> RecordSpectrum:
+        """Transform a part of a record."""
+        (n, N), T = part.theta.shape, part.interval_s
+        first, last = np.array(band_hz) * part.duration_s + [-_ROUNDING, _ROUNDING]
+        inside = slice(max(math.ceil(first), 1), int(last) + 1)
+        f = np.asarray(np.fft.rfftfreq(N, T)[inside], float)
+        s = 2j * np.pi * f
+        timing = np.exp(-s * record.torque_delay_s)
+        if part.held:
+            timing *= -np.expm1(-s * T) / (s * T)
+        q, torque = (np.fft.rfft(x, axis=1).T[inside] / N for x in (part.theta, part.tau))
+        # A short part between two gaps may have no line in the band.
+        noise = noise_variances(part, f) / N if f.size else np.zeros((2, 0, n))
+        noise[0] *= np.abs(s[:, None]) ** 4
+        return cls(part, band_hz, f, s[:, None] ** 2 * q, timing[:, None] * torque, timing, noise)
+
+    def without(self, coulomb: Floats | float, viscous: Floats | float, delay: float) -> RecordSpectrum:
+        """Without friction of the motors, N·m and N·m·s/rad, and with a further delay of the torque."""
+        torque, part = self.torque, self.part
+        if np.any(np.asarray(coulomb)) or np.any(np.asarray(viscous)):
+            floor = np.array([quantum(angle) ** 2 / 12 for angle in part.theta])
+            velocity, *_ = smooth_velocity(part.theta, part.interval_s, floor)
+            loss = np.reshape(coulomb, (-1, 1)) * np.sign(velocity)
+            loss += np.reshape(viscous, (-1, 1)) * velocity
+            lines = np.rint(self.frequency_hz * part.duration_s).astype(int)
+            lost = np.fft.rfft(loss, axis=1).T[lines] / loss.shape[1]
+            torque = torque - self.timing[:, None] * lost
+        late = np.exp(-2j * np.pi * self.frequency_hz * delay)
+        return replace(self, torque=late[:, None] * torque)
 
 
 def noise_variances(part: UniformPart, f: Floats) -> Floats:
