@@ -53,6 +53,8 @@ class Model:
     """Whether friction has a part that varies nonlinearly with speed."""
     effects: tuple[str, ...] = ()
     """Keys of ``EFFECTS``, in its order."""
+    varies: bool = False
+    """Whether Coulomb friction differs from record to record."""
     per_turn: tuple[PerTurn, ...] = ()
     """Orders of the periodic effects, also of those that the model lacks."""
 
@@ -104,7 +106,7 @@ class Model:
         """The model without one part."""
         if part == "friction":
             rest = tuple(e for e in self.effects if e not in FRICTION_EFFECTS)
-            return replace(self, reversal=None, curve=False, effects=rest)
+            return replace(self, reversal=None, curve=False, varies=False, effects=rest)
         if part == "delay":
             return replace(self, delay=False)
         return replace(self, effects=tuple(e for e in self.effects if e != part))
@@ -113,6 +115,8 @@ class Model:
     def name(self) -> str:
         """Description of the model."""
         friction = ["friction that varies with speed" if self.curve else "friction"]
+        friction[0] += " and from record to record" if self.curve and self.varies else ""
+        friction[0] += " that differs from record to record" if self.varies and not self.curve else ""
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
         orders = {each.effect: f" ({each.of_joints} per turn)" for each in self.per_turn}
         parts += [EFFECTS[name].name + orders.get(name, "") for name in self.effects]
