@@ -133,7 +133,7 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
         "M2 seems to be given at the joint side",
         "Converted with gear ratios of about {gears}, M2 fits the torques at low frequency.",
         "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by N_i·N_j, the gear "
-        "ratios of the joints i and j.",
+        "ratios of joints i and j.",
         "edit inertias",
     ),
     "arm angle": (
@@ -200,8 +200,8 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
         found.append(f"joint {which} looks reversed relative to the {others}")
     if np.any(hypothesis.scale[:n] < 0):
         remedies.append(
-            "Check the sign of the coupling inertias. If it is right, position and torque of this joint "
-            "are both reversed."
+            "Check the sign of the coupling inertias. If it is right, reverse both position and torque "
+            "of the reversed joint."
         )
     return problem(
         capitalised(", and ".join(found)),
