@@ -142,10 +142,10 @@ def friction_note(fit: ElasticityFit) -> str:
         return ""
     joints = enumerated([f"joint {found.joints[0]}" for found in negative])
     if all(found.value > -AGREEING * found.error for found in negative):
-        return f"The negative viscous friction of {joints} agrees with 0."
+        return f"The negative viscous friction of {joints} is consistent with 0."
     return (
         f"The viscous friction of {joints} is negative: friction falls with speed "
-        "(Stribeck effect), or another loss is attributed to it. It holds at the measured speeds only."
+        "(Stribeck effect), or the value includes another effect. It holds at the measured speeds only."
     )
 
 

@@ -32,8 +32,8 @@ _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
 which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.06; exchanged
 or reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
 _FRICTION_COUNTS = 0.5
-"""Weight of friction beside the variation of a torque, of which that part is taken: in a move in one
-direction, friction hardly varies, but its law errs by parts of the whole."""
+"""Weight of friction in addition to the variation of a torque, the reference of the unexplained part: in
+a move in one direction, friction hardly varies, but the error of its law is relative to the whole."""
 _CHANCE, _FREEDOM = 1e-3, 10.0
 """Probability that noise alone leaves more than the limit of the unexplained part, and number of fitted
 coefficients: a few seconds have few independent samples in the band of this fit."""
@@ -43,7 +43,9 @@ _MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
 """Error of a zero that shifts K noticeably, and in its standard deviations, from which it is reported:
 up to 0.01 rad and 2.5 with links whose masses, inertias and centres are 5 % wrong; 1.0 in a real log."""
 _ROUNDS, _STEP_RAD = 3, 1e-4
-_FROM_MODEL = "K of every joint follows from the torque of the robot model and is wrong until then."
+_FROM_MODEL = (
+    "K of every joint follows from the torque of the robot model and is wrong until this is corrected."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Signs:
         causes = []
         if of_log.size:
             causes.append(
-                f"The logged angle of {joints_text(of_log)} has the wrong sign, by the motor torques: "
+                f"The motor torques show a wrong sign of the logged angle of {joints_text(of_log)}: "
                 "check the column and its sign."
             )
         if of_model.size:

@@ -97,7 +97,7 @@ class Shown(Protocol):
 
     @property
     def sensors(self) -> Any:
-        """Answer of sensors behind the gears beside that of the motors, or None."""
+        """Answer of sensors behind the gears, in addition to that of the motors, or None."""
 
     def shown_in(self, name: str) -> Self:
         """Return the answer in a unit of ``STIFFNESS_UNITS``."""

@@ -109,7 +109,7 @@ class _Topic:
             self._held += 1
             if len(self._numbers) > _MOST_NUMBERS:
                 raise JointIdError(
-                    f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the "
+                    f"{self._file}: its messages contain more than {_MOST_NUMBERS} numbers: record the "
                     "state of one robot."
                 )
         require_few_values(self._file, self._held)
