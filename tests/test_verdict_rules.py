@@ -524,7 +524,8 @@ def test_the_odd_motion_is_that_of_all_its_lines() -> None:
     fit.residual = fit.residual_noise * np.sqrt([1.0, 1.0, 8.0, 10.0, 2.0, 1.0])[:, None]
     fit.phasors = case(labels=tuple("aabbcc"))
     text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
-    assert f'in "b": {evidence.times_noise(9.0)}; in the others up to {evidence.times_noise(1.5)}' in text
+    worst, others = evidence.times_noise(9.0), evidence.times_noise(1.5)
+    assert f'in "b": {worst}; in the others up to {others}' in text
     assert not changes
     assert rules_model._odd_record(case(fit=fit, has_motions=False)) == ("", [])
 
