@@ -340,7 +340,7 @@ def _two_digits(value: float, error: float) -> str:
 def change_from(value: float, error: float, reference: float) -> str:
     """Deviation from a nominal value in per cent, "agrees" within two standard errors.
 
-    A value that is itself within two standard errors of zero agrees with too much: "–".
+    A value within two standard errors of zero, which agrees with nearly any reference, gives "–".
     """
     if reference <= 0 or not AGREEING * error < abs(value):
         return "–"

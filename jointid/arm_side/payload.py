@@ -1,4 +1,4 @@
-"""The payload from the motor torques, a prior for the deflection's equations; zeros of the angles."""
+"""Payload from the motor torques, a prior for the deflection equations; zero positions of joints."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -16,15 +16,15 @@ from jointid.robot_models.model import RobotModel
 from jointid.wording import joints_text
 
 _SCALE_STD = 0.15
-"""Spread of the torque constant; the gear's efficiency is friction by load."""
+"""Spread of the torque constant; the gear's efficiency counts as load-dependent friction."""
 _ROTOR_STD = 0.1
 """Relative standard deviation of the rotors' inertia."""
 _SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
 _SLOWER = 0.5
 """Band of this fit, in bands of the record: the torque of acceleration also holds that of the encoders'
-vibration and ripple, which grows with the square of the frequency. It is the same in all columns, which
-cancel it by a heavier payload on lighter links: with 3 seconds of arc near 10 Hz, by 5 to 25 kg."""
+vibration and ripple, which grows with the square of the frequency. It is the same in all columns, and the
+fit cancels it by a heavier payload on lighter links: by 5 to 25 kg with 3 seconds of arc near 10 Hz."""
 _MEMORY_S = 0.5
 _FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
@@ -84,7 +84,7 @@ class Signs:
 
 @dataclass(frozen=True, eq=False)
 class MotorTorques:
-    """What the motor torques say about payload and robot model."""
+    """Estimates of payload and errors of the robot model from the motor torques."""
 
     mean: Floats
     """Estimate of the payload's standardised parameters, shape (4,)."""
@@ -316,7 +316,7 @@ def _estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats
 
 
 def _combined(opinions: list[tuple[Floats, Floats]], prior: Floats) -> _Found:
-    """Combine what each joint says, information (S, S) and its product with the estimate, (S,)."""
+    """Combine the estimates of the joints, information (S, S) and its product with the estimate, (S,)."""
     zero = np.zeros(len(prior))
     information = prior + sum((A for A, _ in opinions), 0 * prior)
     mean = np.asarray(np.linalg.solve(information, sum((b for _, b in opinions), zero)), float)

@@ -259,7 +259,7 @@ def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Finding 
         f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
         f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
         "standard errors apart.",
-        "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
+        "Check torque constants, inertias, gear ratios and the motion. Prefer K from the sensors: "
         "they measure the deflection itself.",
         float(abs(motor.value / sensor.value - 1)),
     )
