@@ -24,7 +24,7 @@ _SLIP = 0.1
 _SLOWER = 0.5
 """Band of this fit, in bands of the record: the torque of acceleration also holds that of the encoders'
 vibration and ripple, which grows with the square of the frequency. It is the same in all columns, and the
-fit cancels it by a heavier payload on lighter links: by 5 to 25 kg with 3 seconds of arc near 10 Hz."""
+fit cancels it by a heavier payload on lighter links: 5 to 25 kg with 3 seconds of arc near 10 Hz."""
 _MEMORY_S = 0.5
 _FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
@@ -316,7 +316,7 @@ def _estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats
 
 
 def _combined(opinions: list[tuple[Floats, Floats]], prior: Floats) -> _Found:
-    """Combine the estimates of the joints, information (S, S) and its product with the estimate, (S,)."""
+    """Combine the joints' estimates: information (S, S) and its product with the estimate, (S,)."""
     zero = np.zeros(len(prior))
     information = prior + sum((A for A, _ in opinions), 0 * prior)
     mean = np.asarray(np.linalg.solve(information, sum((b for _, b in opinions), zero)), float)

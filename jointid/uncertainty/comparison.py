@@ -1,4 +1,4 @@
-"""Two identifications side by side: before and after a gear is replaced, cold and warm, two estimators."""
+"""Two identifications compared: before and after a gear is replaced, cold and warm, two estimators."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -160,11 +160,11 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
 }
 """Title, detail, remedy and action of hypotheses on all joints."""
 _SEEN = {
-    "torque": "the torque: it looks measured on the other side of the gear, or in another unit, while "
+    "torque": "the torque, which seems to be measured on the other side of the gear or in another unit; "
     "the position looks right.",
-    "angle": "the position: it looks measured on the other side of the gear, while the torque looks "
+    "angle": "the position, which seems to be measured on the other side of the gear; the torque looks "
     "right.",
-    "both": "both: position and torque look measured on the other side of the gear.",
+    "both": "position and torque: both seem to be measured on the other side of the gear.",
 }
 
 
@@ -220,8 +220,8 @@ def _proof(before: float, after: float) -> str:
     if after <= GOOD:
         return proof
     return (
-        f"{proof} The rest is friction, which this check omits, or a second fault. Correct this one "
-        "first."
+        f"{proof} The remainder is due to friction, which this check omits, or to a second fault. "
+        "Correct this one first."
     )
 
 
