@@ -1253,7 +1253,7 @@ def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, u
     found = cause_findings._unknown_cause(factors, wrong, "", 1.0, "both")
     assert said in found.detail
     assert unsaid not in found.detail
-    assert ("both: position and torque look" in found.detail) == ("gear ratio" in found.detail)
+    assert ("both: position and torque seem to be" in found.detail) == ("gear ratio" in found.detail)
     assert found.title.endswith("all joints" if factors.all() and wrong.size == 2 else "joint 2")
 
 

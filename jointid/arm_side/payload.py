@@ -23,7 +23,7 @@ _SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
 _SLOWER = 0.5
 """Band of this fit, in bands of the record: the torque of acceleration also holds that of the encoders'
-vibration and ripple, which grows with the square of the frequency. It is the same in all columns, and the
+vibration and ripple, which grows with the square of the frequency. It is the same in all columns; the
 fit cancels it by a heavier payload on lighter links: 5 to 25 kg with 3 seconds of arc near 10 Hz."""
 _MEMORY_S = 0.5
 _FEWEST = 40

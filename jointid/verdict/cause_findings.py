@@ -164,7 +164,7 @@ _SEEN = {
     "the position looks right.",
     "angle": "the position, which seems to be measured on the other side of the gear; the torque looks "
     "right.",
-    "both": "position and torque: both seem to be measured on the other side of the gear.",
+    "both": "both: position and torque seem to be measured on the other side of the gear.",
 }
 
 
@@ -220,7 +220,7 @@ def _proof(before: float, after: float) -> str:
     if after <= GOOD:
         return proof
     return (
-        f"{proof} The remainder is due to friction, which this check omits, or to a second fault. "
+        f"{proof} The cause of the remainder is friction, which this check omits, or a second fault. "
         "Correct this one first."
     )
 
