@@ -326,7 +326,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
             "Gears that couple joints are not supported: torques of other joints also deflect this one."
         )
     if joint is None:
-        return "The joint moves too little or without load: give a record in which it moves under load."
+        return "The joint moves too little, or no torque loads it: give a record with motion under load."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         fault = "it is negative" if joint.compliance <= 0 else f"its error is {percent(relative)}"

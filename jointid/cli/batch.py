@@ -69,7 +69,7 @@ def batch(
     for text in studies:
         named(text)
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter("Give --workers, for this computer, or --scheduler, for a cluster.")
+        raise typer.BadParameter("Give --workers (this computer) or --scheduler (a cluster), not both.")
     if (out := output or out) is None:
         raise typer.BadParameter("--output is missing: the table of results, such as results.parquet.")
     require_ending("--output", out, ".parquet", ".pq")
