@@ -142,10 +142,10 @@ def friction_note(fit: ElasticityFit) -> str:
         return ""
     joints = enumerated([f"joint {found.joints[0]}" for found in negative])
     if all(found.value > -AGREEING * found.error for found in negative):
-        return f"The negative viscous friction of {joints} agrees with 0."
+        return f"The negative viscous friction of {joints} is consistent with 0."
     return (
         f"The viscous friction of {joints} is negative: friction falls with speed "
-        "(Stribeck effect), or another loss is attributed to it. It holds at the measured speeds only."
+        "(Stribeck effect), or the value includes another effect. It holds at the measured speeds only."
     )
 
 
@@ -340,7 +340,7 @@ def _two_digits(value: float, error: float) -> str:
 def change_from(value: float, error: float, reference: float) -> str:
     """Deviation from a nominal value in per cent, "agrees" within two standard errors.
 
-    A value that is itself within two standard errors of zero agrees with too much: "–".
+    A value within two standard errors of zero, which agrees with nearly any reference, gives "–".
     """
     if reference <= 0 or not AGREEING * error < abs(value):
         return "–"

@@ -343,6 +343,6 @@ def fits_with_motion(
             gives_up=cache(lambda: bool(wrong_motions(study.records, study.inertias, matrices))),
         )
     }
-    with suppress(JointIdError):  # a sine or two beside the motions need not determine K and D
+    with suppress(JointIdError):  # one or two sines added to motions need not determine K and D
         fits |= identify_each(phasors, study.sine_prior, LINEAR) if phasors.omega.size else {}
     return fits

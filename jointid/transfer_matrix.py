@@ -291,12 +291,12 @@ def single_record_response(phasors: Phasors) -> Complexes:
 
 def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes, Complexes, float]:
     n = phasors.n
-    names = ", ".join(phasors.labels[i] for i in group)
+    names = ", ".join(f'"{phasors.labels[i]}"' for i in group)
     at = f"At {omega / (2 * np.pi):.4g} Hz"
     if group.size < n:
         raise JointIdError(
             f"{at} the study has {counted(group.size, 'record')} ({names}); {n} joints need {n}: "
-            "measure another with different relative amplitudes or phases of the joints."
+            "measure another record with different relative amplitudes or phases of the joints."
         )
     T, Y = phasors.tau[group].T, -(omega**2) * phasors.q[group].T  # records as columns
     scale = np.linalg.norm(T, axis=1)
@@ -316,7 +316,7 @@ def _solve(phasors: Phasors, omega: float, group: np.ndarray) -> tuple[Complexes
             )
         raise JointIdError(
             f"{at} the torques of {names} (columns tau_m1_Nm ... tau_m{n}_Nm) are not independent, "
-            "as in repeated experiments. Measure another with different relative amplitudes or phases "
+            "as in repeated experiments. Measure a record with different relative amplitudes or phases "
             "of the joints, for instance with one joint reversed."
         )
     inverse = np.linalg.pinv(T)

@@ -5,8 +5,8 @@ from jointid.ui.study.comparison import answer_of_second, choose_other, show_dif
 
 page = open_page(
     "Compare",
-    "The chosen study compared with another: before and after a gear change, cold and warm, one robot "
-    "and its neighbour, or two estimators on the same records.",
+    "The chosen study compared with another: before and after a gear is replaced, cold and warm, one "
+    "robot and its neighbour, or two estimators on the same records.",
 )
 analysis = page.answer()
 other = choose_other(page)

@@ -41,8 +41,8 @@ HERE = Path(__file__).parent
 CUTTING_POSE = Inertia(M=[0.0025, 0.0010], M2=[[0.004104, 0.000395], [0.000395, 0.001889]])
 PAPER = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 HALF_AND_QUARTER_TURN = np.array([[0.5, -1j], [0.5, 1j]])
-"""Joint 2 leads, at half amplitude joint 1 follows a quarter period before or after: both always move,
-and the neighbour's controller shows in a single record."""
+"""Joint 2 moves with full amplitude, joint 1 with half, a quarter period before or after: both always
+move, and the controller of the other joint shows in a single record."""
 
 
 def paper() -> Study:
@@ -61,8 +61,8 @@ def paper() -> Study:
         name="Waterjet cell, axes 1 and 2",
         origin="simulated",
         description="The paper's case: K = 43.0 and 7.5 N·m/rad, D = 0.10 and 0.015 N·m·s/rad, with "
-        "light friction, an encoder of 65,536 counts per turn and torque noise. The inertias are our "
-        "own choice.",
+        "light friction, an encoder of 65,536 counts per turn and torque noise. The inertias are "
+        "assumed: the paper states none.",
         records=_compact(records),
         inertia=CUTTING_POSE,
         nominal=Elasticity(K=[20.0, 3.5], D=[0.10, 0.015]),
@@ -70,7 +70,7 @@ def paper() -> Study:
 
 
 def heavy_friction() -> Study:
-    """The same robot, worn, with a logger that does not know when the torque acts."""
+    """The same robot, worn, with a logger that does not state when the torque acts."""
     records = simulate_records(
         CUTTING_POSE,
         PAPER,
@@ -94,7 +94,7 @@ def heavy_friction() -> Study:
 
 
 def single_joint() -> Study:
-    """One joint, nothing in the way."""
+    """One joint without friction."""
     inertia, elasticity = Inertia(M=[0.003], M2=[[0.005]]), Elasticity(K=[30.0], D=[0.05])
     records = simulate_records(
         inertia,
@@ -187,9 +187,9 @@ def six_axes() -> Study:
     return Study(
         name="Six axes of a heavy robot, from its own model",
         origin="simulated",
-        description="A robot of our own, given by its Denavit–Hartenberg parameters and joint angles, "
+        description="An invented robot, given by its Denavit–Hartenberg parameters and joint angles, "
         "under gravity. At the joints K = 5.0, 7.5, 4.2, 1.3, 1.1 and 0.4 million N·m/rad; the nominal "
-        "K is 30 % lower. D as nominal.",
+        "K is 30 % lower, the nominal D exact.",
         records=_compact(records),
         inertia=inertia,
         nominal=Elasticity(0.7 * elasticity.K, elasticity.D),
@@ -231,7 +231,7 @@ def _short_records() -> list[SineRecord]:
 
 
 def fleet() -> list[Row]:
-    """Five measurements of each of eight alike robots; one is soft, one loses 4 % of K1 a year."""
+    """Five measurements of each of eight equal robots; one is soft, one loses 4 % of K1 a year."""
     rng, rows = np.random.default_rng(7), []
     for robot in range(8):
         own = rng.normal(1.0, 0.02, 4)

@@ -317,7 +317,7 @@ def test_an_undetermined_parameter_is_written_in_words(study: Study) -> None:
     ("viscous", "said"),
     [
         ((0.01, 0.02), ""),
-        ((0.01, -0.001), "joint 2 agrees with 0"),
+        ((0.01, -0.001), "joint 2 is consistent with 0"),
         ((-0.02, 0.0), "joint 1 is negative"),
     ],
 )

@@ -1097,7 +1097,7 @@ def test_cut_and_plan_repeat_that_sensors_contradict_the_motors(
     at = upload(opened_app().run(), pack_study(study, record_format="parquet"))
     for page in ("pages/5_Cut.py", "pages/6_Plan.py"):
         at = shown(at.switch_page(page).run())
-        assert any("disagree on K" in box.value and "of the motors" in box.value for box in at.warning)
+        assert any("disagree on K" in box.value and "from the motors" in box.value for box in at.warning)
         assert any(link.proto.label == "Elasticity" for link in at.main.get("page_link"))
     warn_of_sensors(motors)
     assert "disagree on K" in capsys.readouterr().err

@@ -180,7 +180,7 @@ def test_record_with_most_of_the_misfit_is_named() -> None:
     fit = replace(case.fit, residual=residual, cost=10 * case.fit.expected_cost)
     (limits,) = model_limits(replace(case, fit=fit))
     assert limits.level == "warning"
-    assert "Most of it is in other.csv: 20 × noise; in the others up to 1.0 × noise." in limits.detail
+    assert 'Most of it is in "other.csv": 20 × noise; in the others up to 1.0 × noise.' in limits.detail
     assert [(each.kind, each.records) for each in limits.changes] == [("leave out", (9,))]
 
 
@@ -601,7 +601,7 @@ def test_a_duplicated_record_is_named() -> None:
     records = sound()
     twice = [*records, remade(records[2], label="copy.csv")]
     (double,) = said(analysed(twice, method="weighted").findings, "in the study twice")
-    assert "record 3 and copy.csv" in double.detail
+    assert '"record 3" and "copy.csv"' in double.detail
     again = [*records, *sound(seed=77)[2:3]]  # a repetition is no copy
     assert not said(analysed(again, method="weighted").findings, "twice")
 
@@ -612,8 +612,8 @@ def test_two_records_of_one_experiment_are_named() -> None:
     records[-1] = remade(other[-2], theta_rad=1.3 * other[-2].theta_rad, tau_Nm=1.3 * other[-2].tau_Nm)
     found = analysed(records, method="weighted").findings
     (same,) = said(found, "1 frequency has no transfer matrix")
-    assert same.detail.startswith("At 28.9 Hz the torques of record 13, record 14")
-    assert "as in repeated experiments. Measure another" in same.detail
+    assert same.detail.startswith('At 28.9 Hz the torques of "record 13", "record 14"')
+    assert "as in repeated experiments. Measure a record with different" in same.detail
     assert not said(of_sound_data(), "transfer matrix")
 
 
@@ -772,7 +772,7 @@ def test_one_record_in_degrees_is_named_without_a_finding_about_inertia(k: int, 
     analysis = analysed(one_scaled(six(), k, angle=180 / np.pi), method=method)
     first = analysis.findings[0]
     assert first.level == "problem"
-    assert "odd.csv seems to be in degrees" in first.title, titles(analysis)
+    assert '"odd.csv" seems to be in degrees' in first.title, titles(analysis)
     assert "57.3" in first.detail
     assert "π/180" in first.remedy
     assert "nertia" not in titles(analysis)
@@ -790,10 +790,10 @@ def paper_with_friction() -> Study:
 @pytest.mark.parametrize(
     ("k", "angle", "torque", "title", "factor"),
     [
-        (5, 1.0, 1.5, "The torque in odd.csv differs in scale", 1.5),
-        long(0, 1.0, [0.8, 1.0], "The torque of joint 1 in odd.csv differs in scale", 0.8),
-        long(11, [1.0, 0.01], 1.0, "The position of joint 2 in odd.csv differs in scale", 0.01),
-        (11, 180 / np.pi, 1.0, "The position in odd.csv seems to be in degrees", 180 / np.pi),
+        (5, 1.0, 1.5, 'The torque in "odd.csv" differs in scale', 1.5),
+        long(0, 1.0, [0.8, 1.0], 'The torque of joint 1 in "odd.csv" differs in scale', 0.8),
+        long(11, [1.0, 0.01], 1.0, 'The position of joint 2 in "odd.csv" differs in scale', 0.01),
+        (11, 180 / np.pi, 1.0, 'The position in "odd.csv" seems to be in degrees', 180 / np.pi),
     ],
 )
 def test_one_wrong_record_is_named_beside_friction(
@@ -832,7 +832,7 @@ def test_record_of_another_robot_is_named_without_a_factor() -> None:
     records = sound()
     records[6] = remade(other[6], label="stranger.csv")
     found = findings(evidence(records, SERIAL, method="weighted"))
-    assert "stranger.csv contradicts all other records" in found[0].title
+    assert '"stranger.csv" contradicts all other records' in found[0].title
     assert "No factor" in found[0].detail
 
 
@@ -841,7 +841,7 @@ def test_inaccurate_inertias_do_not_hide_the_exchanged_torques_of_one_record(row
     records = sound()
     records[row] = remade(records[row], tau_Nm=records[row].tau_Nm[:, ::-1], label="odd.csv")
     analysis = analysed(records, Inertia(0.97 * SERIAL.M, 1.03 * SERIAL.M2))
-    assert "odd.csv contradicts all other records" in titles(analysis)
+    assert '"odd.csv" contradicts all other records' in titles(analysis)
     assert f"of the other {len(records) - 1} records is 1.1" in analysis.findings[0].detail
     assert len(unsound(analysis)) == 1, titles(analysis)
 

@@ -573,49 +573,52 @@ def one_off(phasors: Phasors, inertia: Inertia = SERIAL, **fit: Any) -> tuple[in
     ("angle", "torque", "title", "cause", "remedy"),
     [
         (
-            1 / DEGREES, 1, "The position in record 4 seems to be in degrees",
+            1 / DEGREES, 1, 'The position in "record 4" seems to be in degrees',
             "The position is 57.3 times",
             "Multiply theta_m1_rad, theta_m2_rad by π/180 in this record.",
         ),
         (
-            [1 / DEGREES, 1], 1, "The position of joint 1 in record 4 seems to be in degrees",
+            [1 / DEGREES, 1], 1, 'The position of joint 1 in "record 4" seems to be in degrees',
             "The position of joint 1 is 57.3 times", "Multiply theta_m1_rad by π/180 in this record.",
         ),
         (
-            -1, 1, "The torque in record 4 looks reversed in sign", "The torque is −1 times",
+            -1, 1, 'The torque in "record 4" looks reversed in sign', "The torque is −1 times",
             "Reverse the sign of tau_m1_Nm, tau_m2_Nm in this record.",
         ),
         (
-            [1, -1], 1, "The position of joint 2 in record 4 looks reversed in sign", "joint 2 is −1",
+            [1, -1], 1, 'The position of joint 2 in "record 4" looks reversed in sign', "joint 2 is −1",
             "Reverse the sign of theta_m2_rad in this record.",
         ),
         (
-            1, [1, -1], "The torque of joint 2 in record 4 looks reversed in sign", "joint 2 is −1",
+            1, [1, -1], 'The torque of joint 2 in "record 4" looks reversed in sign', "joint 2 is −1",
             "Reverse the sign of tau_m2_Nm in this record.",
         ),
         (
-            1, 1e3, "The torque in record 4 seems to be in mN·m", "The torque is 1000 times",
+            1, 1e3, 'The torque in "record 4" seems to be in mN·m', "The torque is 1000 times",
             "Divide tau_m1_Nm, tau_m2_Nm by 1000 in this record.",
         ),
         (
-            1e3, 1, "The position in record 4 seems to be in mrad", "The position is 1000 times",
+            1e3, 1, 'The position in "record 4" seems to be in mrad', "The position is 1000 times",
             "Divide theta_m1_rad, theta_m2_rad by 1000 in this record.",
         ),
         (
-            1, 87.0, "The torque in record 4 differs in scale from all", "The torque is 87 times",
-            "Check the gear ratio, the unit and the sign of tau_m1_Nm, tau_m2_Nm in record 4, or leave",
+            1, 87.0, 'The torque in "record 4" differs in scale from all', "The torque is 87 times",
+            "Check the gear ratio, the unit and the sign of tau_m1_Nm, tau_m2_Nm in this record, "
+            "or leave",
         ),
         (
-            1, [-30, 1], "The torque of joint 1 in record 4 differs in scale", "joint 1 is −30 times",
-            "Check the gear ratio, the unit and the sign of tau_m1_Nm in record 4, or leave",
+            1, [-30, 1], 'The torque of joint 1 in "record 4" differs in scale', "joint 1 is −30 times",
+            "Check the gear ratio, the unit and the sign of tau_m1_Nm in this record, or leave",
         ),
         (
-            [1, 33.0], 1, "The position of joint 2 in record 4 differs in scale", "joint 2 is 33 times",
-            "Check the gear ratio, the unit and the sign of theta_m2_rad in record 4, or leave",
+            [1, 33.0], 1, 'The position of joint 2 in "record 4" differs in scale',
+            "joint 2 is 33 times",
+            "Check the gear ratio, the unit and the sign of theta_m2_rad in this record, or leave",
         ),
         (
-            [1, 2.0], [3, 4], "record 4 contradicts all other records", "No factor on its positions or",
-            "Check the columns, the pose and the load of record 4, or leave it out: untick its run",
+            [1, 2.0], [3, 4], '"record 4" contradicts all other records',
+            "No factor on its positions or",
+            "Check the columns, the pose and the load of this record, or leave it out: untick its run",
         ),
     ],
 )  # fmt: skip
@@ -636,7 +639,7 @@ def test_the_fault_of_one_record_is_named(
         (kind, (3,)) for kind in (*known, "leave out")
     ]
     if known:
-        torque = angle if title.startswith("The torque in record 4 looks rev") else torque
+        torque = angle if title.startswith('The torque in "record 4" looks rev') else torque
         right = np.ones(4)
         right[:2] = angle if "position" in title else 1
         right[2:] = torque
@@ -716,11 +719,11 @@ def test_the_stiffness_of_other_records_may_be_negative_with_the_wrong_one() -> 
 @pytest.mark.parametrize(
     ("left", "corrected", "title"),
     [
-        (8.0, 23.9, "The torque in b looks reversed in sign"),
-        (8.0, 24.1, "b contradicts all other records"),
-        (0.1, 9.9, "The torque in b looks reversed in sign"),
-        (0.1, 10.1, "b contradicts all other records"),
-        (10.1, 30.0, "The torque in b looks reversed in sign"),
+        (8.0, 23.9, 'The torque in "b" looks reversed in sign'),
+        (8.0, 24.1, '"b" contradicts all other records'),
+        (0.1, 9.9, 'The torque in "b" looks reversed in sign'),
+        (0.1, 10.1, '"b" contradicts all other records'),
+        (10.1, 30.0, 'The torque in "b" looks reversed in sign'),
         (10.1, 30.4, None),  # the others do not fit either
     ],
 )

@@ -135,7 +135,7 @@ def test_motions_that_share_half_of_their_samples_are_duplicates(shared: int, to
     phasors = case(z=np.zeros((0, 2)), covariance=np.zeros(0))
     found = list(rules_records.counted_twice(case(phasors=phasors, records=records, fit=two_joints())))
     assert levels(found) == ["warning"] * told
-    assert all("one and two have the same samples. Counting" in finding.detail for finding in found)
+    assert all('"one" and "two" have the same samples. Counting' in finding.detail for finding in found)
 
 
 @pytest.mark.parametrize(
@@ -524,7 +524,8 @@ def test_the_odd_motion_is_that_of_all_its_lines() -> None:
     fit.residual = fit.residual_noise * np.sqrt([1.0, 1.0, 8.0, 10.0, 2.0, 1.0])[:, None]
     fit.phasors = case(labels=tuple("aabbcc"))
     text, changes = rules_model._odd_record(case(fit=fit, has_motions=True))
-    assert f"in b: {evidence.times_noise(9.0)}; in the others up to {evidence.times_noise(1.5)}" in text
+    worst, others = evidence.times_noise(9.0), evidence.times_noise(1.5)
+    assert f'in "b": {worst}; in the others up to {others}' in text
     assert not changes
     assert rules_model._odd_record(case(fit=fit, has_motions=False)) == ("", [])
 
@@ -587,6 +588,9 @@ def test_a_resonance_is_missed_beyond_a_factor_of_1_4(
     monkeypatch.setattr(rules_model, "locked_resonances", lambda *_: [0.1, 0.1])
     few = level or ["note"] * (error < 0.01)  # one resonance alone is not enough for K and D
     assert levels(rules_model.resonance_missed(given)) == few
+    fit.inflation = 1.1  # the stated error includes the misfit, as in the table
+    for finding in rules_model.resonance_missed(given):
+        assert finding.detail.endswith(f"standard error is {percent(error)}.")
 
 
 @pytest.mark.parametrize(
@@ -1249,7 +1253,7 @@ def test_an_unknown_factor_may_be_a_gear_ratio(factor: list[float], said: str, u
     found = cause_findings._unknown_cause(factors, wrong, "", 1.0, "both")
     assert said in found.detail
     assert unsaid not in found.detail
-    assert ("both: position and torque look" in found.detail) == ("gear ratio" in found.detail)
+    assert ("both: position and torque seem to be" in found.detail) == ("gear ratio" in found.detail)
     assert found.title.endswith("all joints" if factors.all() and wrong.size == 2 else "joint 2")
 
 
@@ -1438,7 +1442,7 @@ def test_sines_with_the_same_phasors_are_duplicates(difference: float, noise: fl
     found = list(rules_records.counted_twice(given))
     assert levels(found) == ["warning"] * told
     for finding in found:
-        assert finding.detail.startswith("a and b have the same samples. Counting")
+        assert finding.detail.startswith('"a" and "b" have the same samples. Counting')
         assert finding.weight == pytest.approx(10.004)
         assert [(c.kind, c.records) for c in finding.changes] == [("leave out", (1,))]
     phasors.covariance = np.arange(3)[:, None, None] + phasors.covariance
@@ -1634,6 +1638,10 @@ def test_effects_are_named_by_the_sign_of_the_clearest(monkeypatch: pytest.Monke
         assert f"{first:g} s (joint 1), -2 s (joint 2). The fit includes it." in found.detail
         assert found.remedy == "Check the sampling and output times of each drive."
         assert (found.level, found.weight) == ("note", 0.01)
+    unknown = effect("lag", 3.0, 1.0)
+    unknown.shown = ("not determined", "ms")
+    (found,) = effects_of(monkeypatch, {"lag": (unknown,)})
+    assert "Lag: not determined (joint 1)." in found.detail
     (other,) = effects_of(monkeypatch, {"lag": lags}, {"delay": "a delay", "link": "a link"})
     assert other.title == "The torques lead by different amounts, or there is a delay or a link"
     assert rules_causes.CANNOT_TELL in other.detail

@@ -51,8 +51,8 @@ class GaussianFilter:
         t = self.interval_s * np.arange(-m, m + 1) - later_s
         kernel = np.exp(-0.5 * (t / self.width_s) ** 2)
         kernel /= kernel.sum()
-        # moments set exactly: a ramp is as late and has the slope 1, and a parabola the curvature 1, on
-        # any sampling; the ends of the kernel that are cut off are worth microseconds of a shift
+        # moments set exactly: on any sampling, a ramp has the right delay and slope, and a parabola the
+        # right curvature; the ends of the kernel that are cut off would shift it by microseconds
         early = t - kernel @ t
         kernel *= 1 - (kernel @ t) / (kernel @ early**2) * early
         if order == 1:

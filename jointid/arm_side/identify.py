@@ -322,9 +322,11 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
     if not sensor:
         return "No sensor behind the gear in these records."
     if coupled:
-        return "The gears couple this joint with others, whose torques deflect it, too: not supported."
+        return (
+            "Gears that couple joints are not supported: torques of other joints also deflect this one."
+        )
     if joint is None:
-        return "The joint moves too little, or no torque loads it: give a record in which it moves."
+        return "The joint moves too little, or no torque loads it: give a record with motion under load."
     relative = joint.compliance_std / abs(joint.compliance)
     if joint.compliance <= 0 or relative > LARGEST_ERROR:
         fault = "it is negative" if joint.compliance <= 0 else f"its error is {percent(relative)}"
@@ -337,6 +339,6 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return (
             f"K is not identifiable from fewer than {_FEWEST_MOVES} moves: gravity does not load this "
             "joint, and the torque of its acceleration cannot be separated from transmission error and "
-            "friction. Move it there and back several times, at different speeds."
+            "friction. Move it back and forth several times, at different speeds."
         )
     return ""

@@ -1,4 +1,4 @@
-"""The payload from the motor torques, a prior for the deflection's equations; zeros of the angles."""
+"""Payload from the motor torques, a prior for the deflection equations; zero positions of joints."""
 
 from dataclasses import dataclass, replace
 from typing import Self
@@ -16,15 +16,15 @@ from jointid.robot_models.model import RobotModel
 from jointid.wording import joints_text
 
 _SCALE_STD = 0.15
-"""Spread of the torque constant; the gear's efficiency is friction by load."""
+"""Spread of the torque constant; the gear's efficiency counts as load-dependent friction."""
 _ROTOR_STD = 0.1
 """Relative standard deviation of the rotors' inertia."""
 _SLIP = 0.1
 """Lowest velocity, in parts of a joint's largest, at which its friction has a sign."""
 _SLOWER = 0.5
 """Band of this fit, in bands of the record: the torque of acceleration also holds that of the encoders'
-vibration and ripple, which grows with the square of the frequency. It is the same in all columns, which
-cancel it by a heavier payload on lighter links: with 3 seconds of arc near 10 Hz, by 5 to 25 kg."""
+vibration and ripple, which grows with the square of the frequency. It is the same in all columns; the
+fit cancels it by a heavier payload on lighter links: 5 to 25 kg with 3 seconds of arc near 10 Hz."""
 _MEMORY_S = 0.5
 _FEWEST = 40
 _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
@@ -32,8 +32,8 @@ _MOST_SCALES, _MOST_LEFT = 3.0, 0.2
 which motors contradict the model. Real motors leave 0.02, in 3 s of little motion up to 0.06; exchanged
 or reversed joints, torques of other motors and a wrong unit of time, 0.2 to 1."""
 _FRICTION_COUNTS = 0.5
-"""Weight of friction beside the variation of a torque, of which that part is taken: in a move in one
-direction, friction hardly varies, but its law errs by parts of the whole."""
+"""Weight of friction in addition to the variation of a torque, the reference of the unexplained part: in
+a move in one direction, friction hardly varies, but the error of its law is relative to the whole."""
 _CHANCE, _FREEDOM = 1e-3, 10.0
 """Probability that noise alone leaves more than the limit of the unexplained part, and number of fitted
 coefficients: a few seconds have few independent samples in the band of this fit."""
@@ -43,7 +43,9 @@ _MISPLACED_RAD, _SURELY_MISPLACED = 0.03, 5.0
 """Error of a zero that shifts K noticeably, and in its standard deviations, from which it is reported:
 up to 0.01 rad and 2.5 with links whose masses, inertias and centres are 5 % wrong; 1.0 in a real log."""
 _ROUNDS, _STEP_RAD = 3, 1e-4
-_FROM_MODEL = "K of every joint follows from the torque of the robot model and is wrong until then."
+_FROM_MODEL = (
+    "K of every joint follows from the torque of the robot model and is wrong until this is corrected."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Signs:
         causes = []
         if of_log.size:
             causes.append(
-                f"The logged angle of {joints_text(of_log)} has the wrong sign, by the motor torques: "
+                f"The motor torques show a wrong sign of the logged angle of {joints_text(of_log)}: "
                 "check the column and its sign."
             )
         if of_model.size:
@@ -82,7 +84,7 @@ class Signs:
 
 @dataclass(frozen=True, eq=False)
 class MotorTorques:
-    """What the motor torques say about payload and robot model."""
+    """Estimates of payload and errors of the robot model from the motor torques."""
 
     mean: Floats
     """Estimate of the payload's standardised parameters, shape (4,)."""
@@ -314,7 +316,7 @@ def _estimated(torques: Torques, shared: Shared) -> tuple[_Found, Floats, Floats
 
 
 def _combined(opinions: list[tuple[Floats, Floats]], prior: Floats) -> _Found:
-    """Combine what each joint says, information (S, S) and its product with the estimate, (S,)."""
+    """Combine the joints' estimates: information (S, S) and its product with the estimate, (S,)."""
     zero = np.zeros(len(prior))
     information = prior + sum((A for A, _ in opinions), 0 * prior)
     mean = np.asarray(np.linalg.solve(information, sum((b for _, b in opinions), zero)), float)

@@ -181,7 +181,7 @@ class Child:
         return ""
 
     def _end(self, patience_s: float = 0.0) -> int:
-        """End the process; its own exit code, within a patience, says more than SIGKILL."""
+        """End the process, after a wait for its own exit code, which says more than SIGKILL."""
         process, self._process = self._process, None
         code = 0
         if process is not None:

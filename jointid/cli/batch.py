@@ -56,12 +56,12 @@ def batch(
     fresh: Annotated[bool, typer.Option("--fresh", help="Analyse all studies again.")] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Analyse many studies into one table.
+    """Analyse many studies and write one table.
 
-    Each study has a row, with its error if it cannot be read, exceeds a limit or crashes. The same
-    command resumes an interrupted batch: finished rows are in OUTPUT.journal until the table is
-    complete. Unchanged studies are not analysed again. Exit code 0: every study has a row, with or
-    without an error; 1: nothing was done; 130: interrupted.
+    Each study has a row, with its error if it cannot be read, or if its analysis exceeds a limit or
+    crashes. The same command resumes an interrupted batch: finished rows are in OUTPUT.journal until
+    the table is complete. Unchanged studies are not analysed again. Exit code 0: every study has a
+    row, with or without an error; 1: nothing was done; 130: interrupted.
     """
     from jointid.fleet import Limits, analyse_fleet
     from jointid.fleet.run import journal_path
@@ -69,7 +69,7 @@ def batch(
     for text in studies:
         named(text)
     if workers is not None and scheduler is not None:
-        raise typer.BadParameter("Give --workers, for this computer, or --scheduler, for a cluster.")
+        raise typer.BadParameter("Give --workers (this computer) or --scheduler (a cluster), not both.")
     if (out := output or out) is None:
         raise typer.BadParameter("--output is missing: the table of results, such as results.parquet.")
     require_ending("--output", out, ".parquet", ".pq")

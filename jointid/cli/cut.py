@@ -47,7 +47,7 @@ def cut(
     identification. For a robot model of three or more axes, it shows the deflection of the
     tool along the path.
     """
-    from jointid.cut.outcome import millimetres, remaining_error_text
+    from jointid.cut.outcome import millimetres, remaining_error_text, robot_text
     from jointid.cut.path_deflection import has_own_path
     from jointid.cut.robot import DEMONSTRATION, NOMINAL_NAMES, cut_robot, demonstration
 
@@ -88,13 +88,10 @@ def cut(
     if as_json:
         print_json(document)
         return
-    robots = "with the paper's K and D on the example arm"
-    if study is not None and robot.rule != "demonstration":
-        robots = "with the identified K and D"
     before = "assumes rigid joints"
     if choice != "rigid":
         before = f"assumes {'the nominal K and D' if choice == 'study' else NOMINAL_NAMES[choice]}"
-    print(f"Largest path error, simulated {robots}. Before: the servo {before}.")
+    print(f"Largest simulated path error of {robot_text(robot)}. Before: the servo {before}.")
     print(f"{document['meaning']}\n")
     columns = ["corner zone", "before", "after (95th percentile)"]
     cells = [

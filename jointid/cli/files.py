@@ -57,7 +57,7 @@ def analyse_file(path: Path, method: str, **changes: Any) -> Analysis:
 def warn_of_sensors(analysis: Analysis) -> None:
     """State on standard error that sensors behind the gears contradict K of the motors."""
     if title := answer_of(analysis.study, lambda _: analysis).contradiction:
-        print(f"{title}. This command uses K of the motors: see jointid identify.", file=sys.stderr)
+        print(f"{title}. This command uses K from the motors: see jointid identify.", file=sys.stderr)
 
 
 def answer_file(path: Path, method: str, *, arm_side: bool | None = None, **changes: Any) -> Answer:

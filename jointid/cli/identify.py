@@ -101,7 +101,7 @@ def _print_tables(analysis: Answer) -> None:
     print_columns(columns, right=tuple(range(1, len(columns))))
     print("Inertias (J_m rotors, J_a arm, J_12 coupling) and torque scales:")
     print_columns(prior_table(analysis.priors), right=(1, 2, 4))
-    print("σ: standard deviation of the less certain value.")
+    print("σ: the larger of the two standard deviations.")
     if analysis.study.torque_std is None:
         print(UNSTATED_TORQUE_SCALE)
 

@@ -36,7 +36,8 @@ POSITION_LIMIT = numbers_option(
 )
 FROM_HZ = typer.Option(help="With --motion: lowest frequency, Hz.")
 TO_HZ = typer.Option(
-    help="Highest frequency, Hz; default: 40 with --motion, else a quarter of the study's sample rate."
+    help="Highest frequency, Hz; default: 40 with --motion, else a quarter of the study's sample rate; "
+    "less if the interval of set points requires it."
 )
 _MOTION_TO_HZ = 40.0
 

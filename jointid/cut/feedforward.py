@@ -25,7 +25,7 @@ _NEWTON = 4
 _SMOOTHING_RAD_S = 0.2
 """Motor velocity over which the compensation of friction changes its sign (tanh)."""
 _SLACK = 1e-2
-"""Least slope inside the play, over K, where the damping is zero."""
+"""Least slope inside the backlash, over K, where the damping is zero."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -156,7 +156,7 @@ def rows_of(
 
 
 def has_own_path(analysis: Analysis) -> bool:
-    """Whether the study knows its robot and pose, and the robot is not the planar arm's kind."""
+    """Whether the study has a robot model with a pose, and not two joints as the planar arm."""
     study = analysis.study
     return analysis.fit.n != 2 and study.robot_model is not None and bool(study.pose_angles_rad)
 

@@ -163,7 +163,7 @@ def start_with_friction(
 ) -> Parameters:
     """Start values with friction and a common unknown as the payload; without either, the linear ones.
 
-    Where M2 has a common unknown, a fit of it beside otherwise exact inertias comes first: with all
+    Where M2 has a common unknown, a fit of it with otherwise exact inertias comes first: with all
     inertias free, small ones of a wrist stop at their bounds far from the optimum. So do fits where
     friction holds joints.
     """

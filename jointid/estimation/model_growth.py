@@ -39,9 +39,9 @@ _LARGE = 0.1
 """Score over the cost from which a part is fitted to motions that leave no more than noise: their noise
 is that of the residual, which a missing part raises."""
 _CLIMB = 0.7
-"""Ratio of misfits of motions below which further laws wait for the scores beside the leading model."""
+"""Ratio of misfits of motions below which further laws wait for the scores with the leading model."""
 _TRIED_LAWS = 2
-"""The most nonlinear laws that are fitted for each part added, and parts beside a law in motions."""
+"""The most nonlinear laws that are fitted for each part added, and parts with a law in motions."""
 _NEARER = 10.0
 """Difference of the criteria from which an excluded model is pruned: its fits take time."""
 _INIMITABLE = 5e3
@@ -49,7 +49,7 @@ _INIMITABLE = 5e3
 above the noise: they explain 99.5 % of its effect."""
 MANY_ROWS = 10_000
 """Equations, those of six joints in 33 records, from which one part is tried where the model explains
-the data, as beside a law of the gears: a fit takes seconds."""
+the data, as with a law of the gears: a fit takes seconds."""
 
 
 def grown(search: Search, best: Model) -> Model:
@@ -127,7 +127,7 @@ def _is_passed_over(search: Search, wider: Model, best: Model, leading: Model) -
         return True  # the score decides on a slow part
     if search.has_motions and wider.is_slow and fits.misfit(leading) < _CLIMB * fits.misfit(best):
         return True
-    # Richer friction, or none, is ahead: parts beside the former friction absorbed some of its residual.
+    # Richer friction, or none, is ahead: parts added to the former one absorbed some of its residual.
     return leading.reversal != best.reversal and wider.reversal == best.reversal
 
 
@@ -261,7 +261,7 @@ def _clear_parts(search: Search, model: Model, found: LikelihoodEstimate) -> lis
     """Absent parts with a significant score that is not far below the highest, best first.
 
     The residual of friction with sharp reversals looks like other parts: where friction explains the
-    data, a part must also be significant beside free reversals.
+    data, a part must also be significant with free reversals.
     """
     fits, scored = search.fits, search.scores(model)
     chance = CHANCE / max(len(fits.optional), 1)

@@ -80,7 +80,7 @@ class Search:
     """Number of start values from which each model was fitted."""
     slow_fits: int = 0
     laws: list[list[str]] = field(default_factory=list)
-    """Laws of the gears in these fits; of motions, other parts beside the same laws do not count."""
+    """Laws of the gears in these fits; of motions, other parts with the same laws do not count."""
     has_two_laws: bool = False
     """Whether two laws of the gears were fitted at once; a second time would give the same."""
     may_be_periodic: bool = False

@@ -109,7 +109,7 @@ def _clearest(search: Search, model: Model, found: LikelihoodEstimate) -> PerTur
 
 
 def with_best_orders(search: Search, best: Model) -> Model:
-    """The model with the orders of its periodic effects sought beside its other parts."""
+    """The model with the best orders of its periodic effects, together with its other parts."""
     for effect in best.per_turn:
         found = search.fits.estimate(best)
         others = {model for model in search.fits.tried if replace(model, per_turn=best.per_turn) == best}
@@ -205,7 +205,7 @@ def _with(model: Model, effect: PerTurn) -> Model:
 def _scores(
     search: Search, model: Model, near: Parameters, orders: Sequence[int] = range(1, HIGHEST_ORDER + 1)
 ) -> dict[str, PerTurnScores]:
-    """Scores of orders beside a model, see ``scores_per_turn``."""
+    """Scores of orders added to a model, see ``scores_per_turn``."""
     waveforms = search.completed_waveforms(model, near, model.parts)
     found, prior = search.fits.estimate(model), search.prior
     prior = prior if found is None else replace(prior, gravity=found.gravity)

@@ -64,8 +64,8 @@ def to_document(analysis: Answer) -> dict[str, Any]:
     """Return the document that JSON and TOML hold, of plain lists, numbers, texts and None.
 
     Gears and priors are tables of one list per column; what was not fitted or stated is left out.
-    "arm_side" is the answer of sensors behind the gears beside that of the motors, "motors" that of the
-    motors beside that of the sensors.
+    "arm_side" is the answer of sensors behind the gears in addition to that of the motors, "motors" that
+    of the motors in addition to that of the sensors.
     """
     study = analysis.study
     document = {

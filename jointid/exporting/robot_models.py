@@ -173,9 +173,9 @@ _NESTING_NOTE = """\
      keep the hinges; a parallelogram drive turns link 2 relative to the base. -->"""
 _ROTOR_NOTE = """\
 <!-- The rotor link carries the rotor inertia reflected to the joint side. As a separate body it also
-     turns with its parent. That is exact for a joint on the base and for parallelogram drives, but too
-     much inertia for a motor on a moving link: use MuJoCo's armature there. The mass of the rotor is a
-     placeholder, because simulators refuse links without mass. -->"""
+     turns with its parent. That is exact for a joint on the base and for parallelogram drives, but adds
+     too much inertia for a motor on a moving link: use MuJoCo's armature there. The mass of the rotor
+     is a placeholder, because simulators refuse links without mass. -->"""
 
 
 _DIAGONAL = ("ixx", "iyy", "izz")

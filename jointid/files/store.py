@@ -45,7 +45,7 @@ from jointid.files.store_files import (
 LIMIT_BYTES = 1 << 30
 """Default capacity of a store, 1 GiB."""
 PARTS = ("import", "mappings", "fleet", "corrections")
-"""Parts of a workspace beside its studies, see ``part_of``."""
+"""Parts of a workspace other than its studies, see ``part_of``."""
 
 _WORKSPACE = re.compile(r"[A-Za-z0-9_-]{32}")
 _ENTRY = re.compile(r"[0-9a-f]{32}")

@@ -62,8 +62,9 @@ def read_long_record(name: str, path: Path, joints: int, **known: Any) -> LongRe
     size = math.ceil((rows - first) / parts)
     if size * (1 + 2 * joints) * 8 > LONG_BYTES:
         raise JointIdError(
-            f"{_PART_PERIODS} periods of {known['frequency_hz']:g} Hz are {size} samples, beyond the "
-            "limit of one part. Check frequency_hz and the unit of time_s (seconds), or log less data."
+            f"{_PART_PERIODS} periods of {known['frequency_hz']:g} Hz are {size} samples, more than a "
+            "part of a long record may have. Check frequency_hz and the unit of time_s (seconds), or"
+            " log less data."
         )
     file = _LongFile(name, path, joints, first, size, known)
     beginning = next(file.parts())

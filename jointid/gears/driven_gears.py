@@ -261,7 +261,7 @@ class DrivenGears:
         return self.D[:, None] / 12 * np.linalg.inv(self.M2)
 
     def _changes(self, torque: Floats, D: Floats) -> Floats:
-        """Rate of a torque (n, N) beside D δ̇, times the squared step."""
+        """Rate of a torque (n, N) added to D δ̇, times the squared step."""
         found = np.zeros(torque.shape)
         found[:, 2:] = 0.5 * self.motors.step_s[2:] * (torque[:, 2:] - torque[:, :-2])
         return np.asarray(found + D[:, None] * self._bend)

@@ -212,7 +212,7 @@ def _inward(compliance: Complexes, spread: Floats) -> Floats:
 def beyond_linear(laws: GearLaws, delta: Complexes, points: int) -> tuple[Complexes, Floats, Floats]:
     """Torque beyond K δ, mean and phasors (..., 1 + H) as δ, its slope without the loop, and samples.
 
-    Play, changes of slope and hysteresis are averaged over each step between samples, in which the
+    Backlash, changes of slope and hysteresis are averaged over each step between samples, in which the
     deflection moves uniformly, by their energy (the discrete gradient of Gonzalez, Journal of Nonlinear
     Science 6, 1996) and by Dahl's exponential: an edge within a step is exact. The samples are those
     whose chords have the mean deflection of the step.

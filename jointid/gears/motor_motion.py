@@ -46,8 +46,8 @@ class MotorMotion:
     """Torque of the motors, shape (n, N), N·m."""
     rows: Sequence[tuple[int, slice, Complexes, Complexes]]
     """Row and steps of every segment, and waves of its bins in the steps of a block, (b, H), and at the
-    start of every block, (blocks, H). Steps that begin or end beside those of the samples differ by
-    terms of the ends."""
+    start of every block, (blocks, H). Steps that begin or end between samples differ by terms of the
+    ends."""
 
     @classmethod
     def of(cls, segments: Iterable[Segment | None], pose: np.ndarray, loops: bool) -> MotorMotion | None:

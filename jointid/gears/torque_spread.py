@@ -59,7 +59,7 @@ def _waves(H: int, points: int) -> tuple[Floats, Floats]:
 def _loop_spread(
     level: Floats, sharpness: Floats, delta: Floats, m: int, H: int
 ) -> tuple[Floats, Floats]:
-    """Slope of the torque of the hysteresis, and its spread by the moves before, beside that slope's.
+    """Slope of the hysteresis torque, and its spread by earlier moves apart from that of the slope.
 
     Shapes (g,) of g gears, (g, t) of δ. While δ moves in one direction s from a reversal, 1 − sz decays
     with it: with z' at the reversal and g = dz/dδ = sharpness (1 − sz), z' = g δ' + decay · y, and

@@ -31,7 +31,7 @@ _TOP = {"inertia": STUDY_KEYS["inertia"], **INERTIA_KEYS, **STUDY_KEYS}
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """Properties of a robot beside its logs, motor side."""
+    """Properties of a robot that its logs do not contain, motor side."""
 
     inertia: Inertia
     poses: Mapping[str, Inertia] = field(default_factory=dict)

@@ -55,7 +55,7 @@ class Waveforms:
 
     @cached_property
     def basis(self) -> Basis:
-        """Basis beside the free waveforms: the same in all fits."""
+        """Basis of what the free waveforms leave: the same in all fits."""
         H, n = self.known.shape
         kept = np.zeros((H, n), bool)
         torques, columns, spread = [np.zeros((0, H), complex)], [np.zeros((0, H), complex)], []
@@ -116,7 +116,7 @@ def _at(used: np.ndarray, rows: Floats, H: int) -> Complexes:
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Torques of one record without its free friction, or beside few columns of it."""
+    """Torques of one record without its free friction, or together with a few columns of it."""
 
     torques: Complexes
     """Of motors that do not keep their bins: rows of its bins, shape (C, H), orthogonal to all free

@@ -30,7 +30,7 @@ _CYCLES = 4.0
 _MOST_EQUATIONS = 1600
 """Equations of many joints above which a segment is shorter: the time grows with their cube."""
 _LEAST_BINS = 8
-"""Bins of a segment below which it has no equation beside the terms of its ends."""
+"""Bins of a segment below which the terms of its ends leave no equation."""
 _LEAST_TORQUE_NOISE = 3e-3
 """Smallest start value of the torque's noise, over the torque."""
 _ACCURACY = 1e-5

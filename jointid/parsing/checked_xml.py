@@ -24,7 +24,7 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
         return JointIdError(f"{file}, line {line}: {message}", file=file, line=line)
 
     def refuse(*_: object) -> None:
-        raise fail("a document type or an entity, which a robot model cannot have: remove <!DOCTYPE …>.")
+        raise fail("a robot model must not have a document type or an entity: remove <!DOCTYPE …>.")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth, elements

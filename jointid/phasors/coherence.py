@@ -79,7 +79,7 @@ def coherent_band(record: JointRecord) -> tuple[float, float]:
     frequency, share, above = coherence(record)
     above = _smooth(above)
     octave = above * frequency[:, None] ** 3  # power of the velocity
-    # Beside a line that moves, too: a sweep is slow to start and soon over at its end.
+    # Also next to a line that moves: a sweep starts slowly and ends soon.
     octave = maximum_filter1d(octave, _GAP, axis=0)
     moves = (above >= _ABOVE_FLOOR) & (octave >= _SHARE * octave.max(axis=0))
     usable = np.any((_smooth(share) >= _COHERENT) & moves, axis=1)

@@ -173,7 +173,7 @@ def cut_blocks(outcome: Outcome | None, problem: str, numbers: Iterator[str]) ->
         )
     yield Paragraph(
         f"{outcome.robot.meaning} The paper does not state "
-        "geometry, inertias, zone sizes and non-optimal parameters: arm, corner zones and the "
+        "geometry, inertias, zone sizes or non-optimal parameters: arm, corner zones and the "
         "servo's values before identification are assumptions of this software or of the study. "
         "Both robots are simulated.",
         "quiet",

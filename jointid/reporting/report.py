@@ -169,8 +169,8 @@ def _answer(analysis: Analysis, outcome: Outcome | None) -> Iterator[Block]:
     caption = f"Parts of the standard errors by cause, {analysis.unit.side}. {parts_meaning(parts)}"
     yield Table.of(parts, caption.rstrip())
     caption = (
-        "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: standard "
-        "deviation of the less certain value. "
+        "Inertias and torque scales, motor side: J_m rotors, J_a arm, J_12 coupling. σ: the "
+        "larger of the two standard deviations. "
     )
     caption += _INERTIA_DEFAULT if study.inertia_std == INERTIA_STD else ""
     caption += UNSTATED_TORQUE_SCALE if study.torque_std is None else ""
@@ -227,7 +227,7 @@ def _settings(analysis: Answer) -> Iterator[Block]:
     fit = analysis.fit
     holds = {record.torque_hold for record in study.records}
     delays = sorted({record.torque_delay_s for record in study.records})
-    hold = "held until the next sample" if True in holds else "instantaneous"
+    hold = "held until the next sample" if True in holds else "not held"
     hold = hold if len(holds) == 1 else "differs by record"
     harmonics = [("Harmonics fitted", str(analysis.phasors.harmonics.shape[1]))]
     facts += [

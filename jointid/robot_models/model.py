@@ -238,7 +238,7 @@ class RobotModel(RobotDescription):
         return M2, gravity
 
     def gravity_stiffness(self, q: ArrayLike) -> Floats:
-        """Derivative of the static torque by the joint angles, shape (n, n), N·m/rad.
+        """Derivative of the static torque with respect to the joint angles, shape (n, n), N·m/rad.
 
         Joint side, at joint angles of shape (n,), with payload and counterbalance.
         """

@@ -137,7 +137,7 @@ def coupling_problem(study: Study) -> str:
     names = enumerated(list(compress(model.names, model.is_coupled)))
     return (
         f"Gears couple {names}: set points of joints that share a motor are not supported. Run the "
-        "plan, which is given at the motors, with a program of the controller."
+        "plan, which is given at the motors, by a program in the controller."
     )
 
 

@@ -86,8 +86,8 @@ COMPARED_MODELS = (
     "Fitted models compared. The smallest information criterion is chosen: the residual plus a penalty "
     "for every parameter. A dash: the fit failed, a part of the model is not significant, or its "
     "friction at the reversals contradicts the fundamentals. Reversals free below 3 %: a motor may "
-    "stick around a reversal, so its friction below 3 % of the largest speed is not modelled; it has a "
-    "free waveform, whose values count as parameters."
+    "stick around a reversal, so below 3 % of the largest speed its friction is a free "
+    "waveform in place of a model; the values of this waveform count as parameters."
 )
 """Explains ``compared_models``."""
 

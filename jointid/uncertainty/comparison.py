@@ -1,4 +1,4 @@
-"""Two identifications side by side: before and after a gear change, cold and warm, two estimators."""
+"""Two identifications compared: before and after a gear is replaced, cold and warm, two estimators."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -97,7 +97,7 @@ class Shown(Protocol):
 
     @property
     def sensors(self) -> Any:
-        """Answer of sensors behind the gears beside that of the motors, or None."""
+        """Answer of sensors behind the gears, in addition to that of the motors, or None."""
 
     def shown_in(self, name: str) -> Self:
         """Return the answer in a unit of ``STIFFNESS_UNITS``."""

@@ -162,8 +162,8 @@ def highest_logged_hz(records: Sequence[SineRecord | MotionRecord], phasors: Pha
 def _best_trial(errors: Floats, information: Floats) -> int:
     """Index of the record after which the largest error is smallest; errors (trials, 2n).
 
-    If every record leaves some errors infinite, the one that leaves the fewest and then adds most to the
-    information (trials, P, P) in all directions, those without any before included.
+    If every record leaves some errors infinite: of those that leave the fewest, the one that adds most
+    to the information (trials, P, P) in all directions, including those without any before.
     """
     undetermined = np.isinf(errors).sum(axis=1)
     fewest = np.flatnonzero(undetermined == undetermined.min())

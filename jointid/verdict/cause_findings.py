@@ -133,7 +133,7 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
         "M2 seems to be given at the joint side",
         "Converted with gear ratios of about {gears}, M2 fits the torques at low frequency.",
         "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by N_i·N_j, the gear "
-        "ratios of the joints i and j.",
+        "ratios of joints i and j.",
         "edit inertias",
     ),
     "arm angle": (
@@ -160,11 +160,11 @@ _WHOLE: dict[str, tuple[str, str, str, Action]] = {
 }
 """Title, detail, remedy and action of hypotheses on all joints."""
 _SEEN = {
-    "torque": "the torque: it looks measured on the other side of the gear, or in another unit, while "
+    "torque": "the torque, which seems to be measured on the other side of the gear or in another unit; "
     "the position looks right.",
-    "angle": "the position: it looks measured on the other side of the gear, while the torque looks "
+    "angle": "the position, which seems to be measured on the other side of the gear; the torque looks "
     "right.",
-    "both": "both: position and torque look measured on the other side of the gear.",
+    "both": "both: position and torque seem to be measured on the other side of the gear.",
 }
 
 
@@ -200,8 +200,8 @@ def axes_look_wrong(hypothesis: Hypothesis, proof: str) -> Finding:
         found.append(f"joint {which} looks reversed relative to the {others}")
     if np.any(hypothesis.scale[:n] < 0):
         remedies.append(
-            "Check the sign of the coupling inertias. If it is right, position and torque of this joint "
-            "are both reversed."
+            "Check the sign of the coupling inertias. If it is right, reverse both position and torque "
+            "of the reversed joint."
         )
     return problem(
         capitalised(", and ".join(found)),
@@ -220,8 +220,8 @@ def _proof(before: float, after: float) -> str:
     if after <= GOOD:
         return proof
     return (
-        f"{proof} The rest is friction, which this check omits, or a second fault. Correct this one "
-        "first."
+        f"{proof} The cause of the remainder is friction, which this check omits, or a second fault. "
+        "Correct this one first."
     )
 
 

@@ -52,7 +52,7 @@ _DRIVEN = (
     "With the logged sign, friction would drive the motion or gravity act upwards. The estimates of "
     "payload and K depend on these torques."
 )
-_CHECK_SIGN = "Check the column and the sign of these torques in the log, and change the sign."
+_CHECK_SIGN = "Check the columns of these torques in the log, and reverse their sign."
 _UNCHECKED = (
     "These records do not check their gear ratios, which K of the other joints depends on: compare them "
     "with the data sheet, or turn each joint by a known angle."
@@ -212,13 +212,13 @@ def arm_side_findings(
     if known.any():
         worst = int(np.nanargmax(np.where(known, error / K, np.nan)))
         detail = (
-            f"The largest relative error is {percent(error[worst] / K[worst])}, of joint {worst + 1}."
+            f"The largest relative error is {percent(error[worst] / K[worst])}, at joint {worst + 1}."
         )
         if np.isfinite(left_out_rad).any():
             ends = [end(left_out_rad) * _ARC_SECONDS for end in (np.nanmin, np.nanmax)]
             most = " to ".join(dict.fromkeys(significant(float(end), 2) for end in ends))
             detail += (
-                " Records left out of the fit are predicted with an error of the deflection of "
+                " The fit predicts the deflection in records that it left out with an error of "
                 f"{most} seconds of arc (rms)."
             )
         which = joints_text(np.flatnonzero(known) + 1)
@@ -259,7 +259,7 @@ def at_odds(motors: Sequence[Quantity], sensors: Sequence[Quantity]) -> Finding 
         f"{motor.name} at the joint is {' '.join(motor.shown)} from the motors, and "
         f"{' '.join(sensor.shown)} from the sensor behind the gear: {abs(worst.sigmas):.1f} "
         "standard errors apart.",
-        "Check torque constants, inertias, gear ratios and the motion. Prefer K of the sensors: "
+        "Check torque constants, inertias, gear ratios and the motion. Prefer K from the sensors: "
         "they measure the deflection itself.",
         float(abs(motor.value / sensor.value - 1)),
     )

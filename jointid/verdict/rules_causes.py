@@ -72,7 +72,7 @@ def against_the_paper(evidence: Evidence) -> Iterator[Finding]:
         if lag is not None:
             verb = "lags" if fit.delay is not None and fit.delay > 0 else "leads"
             title = f"Friction and a torque {verb[:-1]} matter"
-            cause = f"{found}, the torque {verb} by {lag}; the fit includes both. "
+            cause = f"{found}, and the torque {verb} by {lag}; the fit includes both. "
         remedy = "Larger motions, or a superposed constant velocity, reduce the effect of friction."
         if lag is None:  # a lag has a remedy of its own
             remedy = f"No action needed. {remedy}"
@@ -179,8 +179,8 @@ def half_a_sample(evidence: Evidence) -> tuple[str, list[Change]]:
     """Remedy and change for a delay from a missing or wrong statement of the hold; else empty.
 
     A filter of the torque acts like a delay by its time constant, one of the position like a lead. They
-    count where a delay explains the data as well, and beside a delay: together these have phase and
-    magnitude of a hold.
+    count where a delay explains the data as well, and in addition to a delay: together these have phase
+    and magnitude of a hold.
     """
     p, held = evidence.fit.parameters, [record.torque_hold for record in evidence.records]
     lag = p.delay + p.effect("lag")
@@ -231,7 +231,7 @@ def is_far_nearer(one: ElasticityFit, other: ElasticityFit) -> bool:
 def beyond_logged_noise(evidence: Evidence) -> Iterator[Finding]:
     """Motions with friction whose residual exceeds the noise of their logs.
 
-    Beside friction the noise follows from the residual, so that the misfit shows no error of the model.
+    With friction, the noise follows from the residual, so that the misfit shows no error of the model.
     """
     fit, times = evidence.fit, evidence.fit.times_logged_noise
     rubs = "coulomb" in fit.parameters.layout
@@ -253,7 +253,7 @@ def beyond_logged_noise(evidence: Evidence) -> Iterator[Finding]:
         remedy = (
             "Check the torques of the log: a dead zone around zero, a scale that changes with the "
             "torque, and the torque of another joint in the channel cause this. So does friction that "
-            "the model lacks: measure with sines to see which."
+            "the model lacks: measure with sines to find out."
         )
     else:
         return

@@ -18,7 +18,7 @@ from jointid.verdict.rules_causes import (
     has_unmodelled_friction,
 )
 from jointid.verdict.rules_model import contradicts
-from jointid.wording import capitalised, counted, enumerated, percent, significant
+from jointid.wording import UNDETERMINED, capitalised, counted, enumerated, percent, significant
 
 _REMEDIES = {
     "arm_viscous": ("The arm has viscous friction", ""),
@@ -162,7 +162,8 @@ def _value(fit: ElasticityFit, found: Quantity, per_turn: dict[int, int]) -> str
     if per_turn:
         quadrature = fit.parameters[f"{found.parameter}_quadrature"][j - 1]
         found = replace(found, value=float(np.hypot(found.value, quadrature)))
-    text, gear = " ".join(found.shown).rstrip() + f" (joint {j}", fit.gears[j - 1]
+    shown = found.shown[: 1 if found.shown[0] == UNDETERMINED else 2]
+    text, gear = " ".join(shown).rstrip() + f" (joint {j}", fit.gears[j - 1]
     if per_turn:
         text += f", {counted(per_turn[j - 1], 'period')} per turn of its motor"
     if found.parameter in GEAR_LAWS:

@@ -187,12 +187,12 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
 
 
 def _is_coupling(row: PriorRow) -> bool:
-    """Whether it is an element J_ij of M2 beside its diagonal."""
+    """Whether it is an element J_ij of M2 off its diagonal."""
     return row.name[:2] == "J_" and row.name[2].isdigit()
 
 
 def _far_coupled(evidence: Evidence, own: ElasticityFit) -> bool:
-    """Whether couplings differ by as much of the arms' inertias as these themselves would have to.
+    """Whether couplings differ by so large a share of the arms' inertias that these would look wrong.
 
     The prior of a small coupling is narrow: gears whose coupling is left out exceed it many times.
     """

@@ -190,7 +190,7 @@ def _share_of_angles(fit: ElasticityFit) -> float:
 
 
 def _is_loaded(evidence: Evidence) -> bool:
-    """Whether sines have even harmonics, but no constant velocity, beside which friction makes them."""
+    """Whether sines have even harmonics, but no constant velocity, with which friction causes them."""
     return distortion(evidence, "even") > _EVEN and not evidence.fit.phasors.is_superposed
 
 
@@ -271,7 +271,7 @@ def _odd_record(evidence: Evidence) -> tuple[str, list[Change]]:
     if not others or each[worst] < _ODD * max(1.0, each[others[-1]]) or each[others[-1]] > EXPLAINED:
         return "", []
     text = (
-        f" Most of it is in {labels[worst]}: {times_noise(each[worst])}; in the others "
+        f' Most of it is in "{labels[worst]}": {times_noise(each[worst])}; in the others '
         f"up to {times_noise(each[others[-1]])}."
     )
     return text, [] if evidence.has_motions else [Change("leave out", (worst,))]
@@ -321,8 +321,7 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if np.any(fit.K <= 0) or np.any(-2 * fit.errors.D > fit.D):
         return
-    error = fit.standard_error / np.sqrt(fit.inflation)
-    share = float(relative(error, fit.estimate).max())
+    share = float(relative(fit.standard_error / np.sqrt(fit.inflation), fit.estimate).max())
     missed: list[float] = []
     covered = 0
     for pose in dict.fromkeys(evidence.poses):
@@ -344,7 +343,8 @@ def resonance_missed(evidence: Evidence) -> Iterator[Finding]:
         yield make(
             f"The frequencies miss {has}",
             f"The records span {number(low)} to {number(high)} Hz; the fitted model has {has} at {at}, "
-            f"with no record nearby. The largest relative standard error is {percent(share)}.",
+            "with no record nearby. The largest relative standard error is "
+            f"{percent(float(relative(fit.standard_error, fit.estimate).max()))}.",
             f"Add records at about {at}.",
             share,
         )

@@ -257,16 +257,16 @@ def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
     wrong, n = np.flatnonzero(scale != 1), scale.size // 2
     if not wrong.size:
         return (
-            f"{label} contradicts all other records",
+            f'"{label}" contradicts all other records',
             "No factor on its positions or torques corrects it.",
-            f"Check the columns, the pose and the load of {label}, or leave it out: {_LEAVE_OUT}.",
+            f"Check the columns, the pose and the load of this record, or leave it out: {_LEAVE_OUT}.",
             False,
         )
     fault = int(wrong[0] // n), float(scale[wrong[0]])
     signal = "torque" if fault[0] else "position"
     names = ", ".join(f"tau_m{j + 1}_Nm" if fault[0] else f"theta_m{j + 1}_rad" for j in wrong % n)
     joints = "" if wrong.size == n else f" of joint {wrong[0] % n + 1}"
-    where = f"The {signal}{joints} in {label}"
+    where = f'The {signal}{joints} in "{label}"'
     cause = (
         f"The {signal}{joints} is {number(fault[1])} times the value expected from the other records."
     )
@@ -274,8 +274,8 @@ def _outlier_text(label: str, scale: Floats) -> tuple[str, str, str, bool]:
         return (
             f"{where} differs in scale from all other records",
             cause,
-            f"Check the gear ratio, the unit and the sign of {names} in {label}, or leave the record "
-            f"out: {_LEAVE_OUT}.",
+            f"Check the gear ratio, the unit and the sign of {names} in this record, or leave it out: "
+            f"{_LEAVE_OUT}.",
             False,
         )
     unit = _FAULTS[fault]

@@ -158,14 +158,15 @@ def counted_twice(evidence: Evidence) -> Iterator[Finding]:
             for k in group[place + 1 :]:
                 same = np.abs(z[i] - z[k]) <= 1e-12 * np.abs(z[i])
                 if same.all() and np.array_equal(phasors.covariance[i], phasors.covariance[k]):
-                    pairs.append(f"{phasors.labels[i]} and {phasors.labels[k]}")
+                    pairs.append(f'"{phasors.labels[i]}" and "{phasors.labels[k]}"')
                     second.add(int(k))
     motions = [record for record in evidence.records if isinstance(record, MotionRecord)]
     rows = [(record, sample_digests(record)) for record in motions]
     for (one, these), (other, those) in itertools.combinations(rows, 2):
         same = np.intersect1d(these, those, assume_unique=True).size
         if same > _SHARED * min(these.size, those.size):
-            pairs.append(f"{one.label or 'A record'} and {other.label or 'another one'}")
+            first = f'"{one.label}"' if one.label else "A record"
+            pairs.append(f"{first} and " + (f'"{other.label}"' if other.label else "another one"))
     if pairs and (rows or np.any(phasors.covariance != 0)):
         yield warning(
             "A record is in the study twice",
@@ -202,7 +203,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
     if held.size:
         yield note(
             f"{joints_text(held)} {'is' if held.size == 1 else 'are'} held in every record".capitalize(),
-            "If a motor does not move, play in its gear looks like a softer gear, and may change D of "
+            "If a motor does not move, backlash makes its gear look softer, and may change D of "
             "the joints that move.",
             "Do not use K and D of held joints. To identify them, move each in some records.",
             0.0,

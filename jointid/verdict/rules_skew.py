@@ -102,7 +102,7 @@ class Skew:
 def skew(phasors: Phasors, prior: InertiaPrior, interval_s: float) -> Skew | None:
     """Times by which the joints are logged apart, if these explain the records; else None.
 
-    Motions are fitted without friction: beside it, their noise follows from the residual, and contains
+    Motions are fitted without friction: with it, their noise follows from the residual, and contains
     the error of the times. Raises JointIdError where the first fit fails.
     """
     is_sine = not phasors.motion.any()

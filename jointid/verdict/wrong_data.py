@@ -77,7 +77,7 @@ def wrong_data(phasors: Phasors, inertias: Sequence[Inertia]) -> tuple[Finding, 
             tried, cost = [*tried, *possible], np.concatenate([cost, found])
     if cost.min() > GOOD and (found_sign := _reversed_beside_inertias(phasors, inertias, tried)):
         chosen, left = found_sign
-        # Free inertias always reduce the misfit; a ratio near 1 beside the same sign stands for them.
+        # Free inertias always reduce the misfit, and so does the same sign with a ratio near 1.
         alike = [bool(_is_small(h.factor / chosen.factor).all()) for h in tried]
         if left < min(bar, float(np.where(alike, cost, _BETTER * cost).min())):
             finding = finding_of(chosen, as_logged, left, str, duration_s, np.ones(scorer.n))
@@ -114,8 +114,8 @@ def _reversed_beside_inertias(
 ) -> tuple[Hypothesis, float] | None:
     """The reversed sign without which the records give positive inertias, and the misfit with those.
 
-    A regression without the given inertias fits any sign alike, but a wrong one makes an inertia or a
-    stiffness negative. It starts a fit that takes the given inertias as uncertain.
+    A regression without the given inertias fits either sign equally well, but a wrong one makes an
+    inertia or a stiffness negative. It starts a fit that takes the given inertias as uncertain.
     """
     prior = InertiaPrior.of(inertias, *phasors.q.shape, inertia_std=LOOSE)
     if len(prior.M2) > 1:  # the regression is for one pose: that of most records
@@ -302,7 +302,7 @@ def _refined(hypothesis: Hypothesis, scorer: Scorer) -> Hypothesis:
 
 
 def _is_possible(hypothesis: Hypothesis) -> bool:
-    """Whether every factor can be that of a gear, or of a unit with a gear's beside it."""
+    """Whether every factor can be that of a gear, or of a unit together with a gear."""
     factor = np.abs(hypothesis.factor)
     common = (np.abs(np.log(factor / c.factor)) < np.log(30) for c in CAUSES if c.is_common)
     return bool(

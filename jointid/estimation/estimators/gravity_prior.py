@@ -69,7 +69,7 @@ def with_gravity(
 ) -> tuple[Problem, Floats]:
     """Problem and parameters, from near the optimum, with the gravity stiffness fitted within its prior.
 
-    The steps are those of all parameters at once: with a wrong gravity they were far off together.
+    Every step changes all parameters, because with a wrong gravity all of them were far off.
     """
     i, j = given.elements
     off = (problem.prior.gravity - given.gravity)[:, i, j]

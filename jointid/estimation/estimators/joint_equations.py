@@ -148,13 +148,13 @@ def spring_equations(
     if np.any(empty[: phasors.n] & empty[phasors.n :]):
         j = int(np.argmax(empty[: phasors.n] & empty[phasors.n :])) + 1
         raise JointIdError(
-            f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm hold no sine in any "
-            f"record, so K{j} and D{j} cannot be identified. Move joint {j}."
+            f"Joint {j} is not excited: the columns theta_m{j}_rad and tau_m{j}_Nm contain no sine in "
+            f"any record, so K{j} and D{j} cannot be identified. Move joint {j}."
         )
     if np.all(empty[phasors.n :]):
         raise JointIdError(
-            "No torque holds a sine in any record, so K and D cannot be identified: check the columns "
-            f"tau_m1_Nm to tau_m{phasors.n}_Nm."
+            "No torque contains a sine in any record, so K and D cannot be identified: check the "
+            f"columns tau_m1_Nm to tau_m{phasors.n}_Nm."
         )
     M, arm = inertia_arrays(phasors, inertia)
     eye = np.eye(phasors.n)

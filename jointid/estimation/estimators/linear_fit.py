@@ -96,7 +96,7 @@ def without_inertias(phasors: Phasors, prior: InertiaPrior) -> Parameters | None
 
         κ_j q_j + Σ_k κ_j c_jk M_k q_k − Σ_k κ_j c_jk τ_k/s² + M_j s² q_j = τ_j,
 
-    linear in M_j and in the products with K_j and D_j. Poses differ in M2, hence only for one.
+    linear in M_j and in the products with K_j and D_j. It holds for one pose: poses differ in M2.
     """
     n = phasors.n
     if phasors.motion.any():  # where (8) has end terms

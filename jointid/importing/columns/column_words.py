@@ -144,7 +144,7 @@ class NamedColumn:
 
 
 def all_described(columns: Sequence[LogColumn]) -> list[NamedColumn]:
-    """Score the columns of a log; beside tqd, the target of a velocity, tq is the target of q."""
+    """Score the columns of a log; with tqd, the target of a velocity, tq is the target of q."""
     targets = any("tqd" in words_of(column.name) for column in columns)
     return [described(column, {"tq"} if targets else set()) for column in columns]
 

@@ -22,7 +22,7 @@ _DISTANCE = 3  # bins: the main lobe of a Hann window spans four
 def find_lines(time_s: Floats, *signals: Floats) -> list[float]:
     """Return the frequencies of the lines in all signals together, ascending, Hz.
 
-    They are accurate to a tenth of one over the duration; lines closer than four bins count as one. Each
+    They are accurate to 0.1 / duration; lines closer than four bins count as one. Each
     group of signals (N, n) is of one quantity, positions or torques; a line may be prominent in any of
     them. Uneven times are interpolated, which is accurate enough to find a line.
     """
@@ -112,9 +112,9 @@ def fit_lines(
     """Fit lines, offset and drift to all signals (N, c), and refine the frequencies by Gauss-Newton.
 
     The signals share the frequencies; each is weighted by its own noise. Initial frequencies are within
-    half of one over the duration; not ``free``, they are kept. ``harmonics`` is the highest fitted to
-    each line, as far as the sample rate allows. The iteration ends when the phase of every line changes
-    over the duration by less than ``within``, rad.
+    0.5 / duration of the true ones; unless ``free``, they are kept. ``harmonics`` is the highest fitted
+    to each line, as far as the sample rate allows. The iteration ends when the phase of every line
+    changes over the duration by less than ``within``, rad.
     """
     step = max(1, len(time_s) // _MAX_SAMPLES)
     if len(time_s) < _LEAST_RATE * (harmonics + 1) * max(frequency_hz) * np.ptp(time_s) * step:

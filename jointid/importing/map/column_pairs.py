@@ -109,7 +109,7 @@ def clearest_pair(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list
         and entry.score[role] >= _CLEAR
     ]
     if left:
-        text = f"{'; '.join(left)}: left out, because no name pairs them. {_ADD_JOINT}"
+        text = f"{'; '.join(left)}: left out, because their names do not show a pair. {_ADD_JOINT}"
         reasons.append(Reason("joints", text))
     return [(pair[0], pair[1])]
 
@@ -164,7 +164,7 @@ def _join_by_number(best: _Groups, complete: _Groups) -> set[str]:
 
 
 def _lone_columns(groups: Iterable[_Group], pairs: Collection[_Group]) -> list[Reason]:
-    """Report clear positions without a torque and torques without a position, beside pairs."""
+    """Report clear positions without a torque and torques without a position, where pairs exist."""
     lone = [
         f'"{entry.column.name}" has no matching {_OTHER[role]}'
         for group in groups

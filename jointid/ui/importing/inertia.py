@@ -288,7 +288,7 @@ def _by_links(ratios: Sequence[float]) -> KnownRobot | None:
         return None
     if len(ratios) != 2:
         raise JointIdError(
-            f"The arm of links has 2 joints, but step 2 has {len(ratios)}: give the inertias as "
+            f"The links of the arm have 2 joints, but step 2 has {len(ratios)}: give the inertias as "
             "numbers or as TOML."
         )
     of = {

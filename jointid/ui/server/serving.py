@@ -158,7 +158,7 @@ def serve(script: str, port: int) -> None:
     config.set_option("server.port", port)
     address = config.get_option("server.address") or "127.0.0.1"
     # Streamlit lowers the level of uvicorn's loggers.
-    sys.stderr.write(f"The app is at http://{address}:{port} until Ctrl-C.\n")
+    sys.stderr.write(f"The app is at http://{address}:{port}; Ctrl-C stops it.\n")
     uvicorn.run(
         app,
         host=address,

@@ -42,7 +42,7 @@ def ask_for_robot(page: Page) -> None:
 def warn_of_sensors(page: Page) -> None:
     """Say on a page that uses K of the motors that sensors behind the gears contradict it."""
     if title := page.answered().contradiction:
-        show_warning(f"{title}. This page uses K of the motors.")
+        show_warning(f"{title}. This page uses K from the motors.")
         workspace.link_to(ELASTICITY)
 
 

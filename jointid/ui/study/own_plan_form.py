@@ -190,7 +190,7 @@ def plan_of(columns: Columns, page: Page, analysis: Analysis, pose: str) -> Plan
 
 
 def begin_model(page: Page, analysis: Analysis, pose: str) -> None:
-    """Begin what a plan needs beside the suggested records, which are sought meanwhile."""
+    """Start what a plan needs in addition to the suggested records, for which the search runs."""
     what, given = _model(analysis, pose)
     page.begin(what, planning_model, *given)
 

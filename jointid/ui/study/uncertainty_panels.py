@@ -120,7 +120,7 @@ def show_inertias(analysis: Analysis) -> None:
     show_text_table({capitalised(name): cells for name, cells in columns.items()})
     st.caption(
         "Motor side: J_m rotors, J_a arm, J_12 coupling. Given: with the standard deviation that the "
-        "study states. Fitted: together with K and D. σ: standard deviation of the less certain value."
+        "study states. Fitted: together with K and D. σ: the larger of the two standard deviations."
     )
     if analysis.state == NOT_USABLE:
         return

@@ -87,7 +87,7 @@ def _require_plain_names(file: str, path: Path) -> None:
     for part in path.iterdir() if path.is_dir() else single:
         if set("%?#").intersection(part.name):
             raise JointIdError(
-                f"{file}: the file name {part.name!r:.200} has one of the characters %, ? and #, which "
+                f"{file}: the file name {part.name!r:.200} contains %, ? or #, which "
                 "ROS bags do not allow: rename it, also in metadata.yaml."
             )
 
@@ -109,7 +109,7 @@ class _Topic:
             self._held += 1
             if len(self._numbers) > _MOST_NUMBERS:
                 raise JointIdError(
-                    f"{self._file}: its messages name more than {_MOST_NUMBERS} numbers: record the "
+                    f"{self._file}: its messages contain more than {_MOST_NUMBERS} numbers: record the "
                     "state of one robot."
                 )
         require_few_values(self._file, self._held)
