@@ -114,9 +114,8 @@ class Model:
     @property
     def name(self) -> str:
         """Description of the model."""
-        friction = ["friction that varies with speed" if self.curve else "friction"]
-        friction[0] += " and from record to record" if self.curve and self.varies else ""
-        friction[0] += " that differs from record to record" if self.varies and not self.curve else ""
+        changes = ["varies with speed"] * self.curve + ["differs from record to record"] * self.varies
+        friction = ["friction" + " that " * bool(changes) + " and ".join(changes)]
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
         orders = {each.effect: f" ({each.of_joints} per turn)" for each in self.per_turn}
         parts += [EFFECTS[name].name + orders.get(name, "") for name in self.effects]
@@ -195,6 +194,8 @@ class Fits:
     rows: int
     """Real equations of all records, joints and harmonics."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
+    levels: int = 0
+    """Coulomb and viscous friction of all joints in all sines: numbers that differ in some models."""
 
     def estimate(self, model: Model) -> LikelihoodEstimate | None:
         """Estimate of a model; None where it was not, or could not be, fitted."""
@@ -237,7 +238,8 @@ class Fits:
             if contradicted or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
-            penalty = float(np.log(self.rows)) * estimate.p.size + 2 * free
+            fitted_numbers = estimate.p.size + self.levels * model.varies
+            penalty = float(np.log(self.rows)) * fitted_numbers + 2 * free
             penalty += 4 * float(np.log(model.orders).sum())
             criterion[model] = 2 * estimate.whole_cost(misfit) + penalty
         return criterion

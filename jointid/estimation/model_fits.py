@@ -23,8 +23,14 @@ from jointid.estimation.estimators.whitened_residual import (
 )
 from jointid.estimation.regression_start import regressed, regression_start
 from jointid.motion.end_terms import motor_motion
-from jointid.motion.friction import FrictionWaveforms, friction_waveforms, gear_torque_of, with_load
-from jointid.motion.per_turn import PerTurn, with_turns
+from jointid.motion.friction import (
+    FrictionWaveforms,
+    friction_waveforms,
+    gear_torque_of,
+    with_level_of_records,
+    with_load,
+)
+from jointid.motion.per_turn import with_turns
 from jointid.phasors.extract import Phasors
 
 _SAME_FILTER = 0.02
@@ -66,18 +72,24 @@ def model_waveforms(
 
 def completed(
     waveforms: FrictionWaveforms | None,
-    parts: Sequence[str],
-    per_turn: Sequence[PerTurn],
+    model: Model,
     phasors: Phasors,
     prior: InertiaPrior,
     p: Parameters,
+    parts: Sequence[str] | None = None,
 ) -> FrictionWaveforms | None:
-    """Friction waveforms with those of periodic effects and of load-dependent friction in a model.
+    """Friction waveforms of a model with those that follow from some parameters.
 
-    They follow from the gear torque of some parameters.
+    These are the part that differs from record to record, and periodic effects and load-dependent
+    friction by the gear torque, of other ``parts`` than those of the model where they are given.
     """
-    effects = [each for each in per_turn if each.effect in parts]
-    if waveforms is None or not (effects or "load" in parts):
+    parts = model.effects if parts is None else parts
+    effects = [each for each in model.per_turn if each.effect in parts]
+    if waveforms is None:
+        return None
+    if model.varies:
+        waveforms = with_level_of_records(waveforms, phasors, p["coulomb"], p["viscous"])
+    if not (effects or "load" in parts):
         return waveforms
     loaded = "load" in parts
     torque = gear_torque_of(waveforms, phasors, prior.motors(phasors, p), loaded=loaded)
@@ -104,7 +116,7 @@ def fit_model(
         start = ParameterLayout.of(phasors.n).named(start)
 
     def at(p: Parameters) -> FrictionWaveforms | None:
-        return completed(waveforms, model.effects, model.per_turn, phasors, prior, p)
+        return completed(waveforms, model, phasors, prior, p)
 
     def fitted(start: Parameters, friction: FrictionWaveforms | None) -> LikelihoodEstimate:
         return maximum_likelihood(
@@ -233,7 +245,7 @@ def evaluated(
     """
     prior = replace(prior, gravity=estimate.gravity)
     waveforms = model_waveforms(phasors, model, estimate.named)
-    waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
+    waveforms = completed(waveforms, model, phasors, prior, estimate.named)
     problem = make_problem(phasors, prior, estimate.layout, estimate.named, waveforms, noise)
     problem = near_solution(replace(problem, motion=motor_motion(phasors)), estimate.wound)
     problem = with_law_signals(problem, estimate.p)
@@ -251,9 +263,7 @@ def record_costs(phasors: Phasors, prior: InertiaPrior, p: Parameters, noise: No
     effects = tuple(name for name in EFFECTS if name in p.layout)
     rubs, curve = "coulomb" in p.layout, "curve" in p.layout and p["curve"].size > 0
     model = Model(0.1 if rubs else None, "delay" in p.layout, curve, effects)
-    waveforms = completed(
-        model_waveforms(phasors, model, p), model.effects, model.per_turn, phasors, prior, p
-    )
+    waveforms = completed(model_waveforms(phasors, model, p), model, phasors, prior, p)
     problem = make_problem(phasors, prior, p.layout, p, waveforms, noise)
     rows = WhitenedResidual.of(with_law_signals(problem, p.vector), p.vector).rows
     return np.asarray((rows**2).sum(axis=1))
@@ -270,7 +280,7 @@ def stepped(
     """Parameters and misfit of a model one step from the estimate of a similar one."""
     prior = replace(prior, gravity=estimate.gravity)
     waveforms = waveforms or model_waveforms(phasors, model, estimate.named)
-    waveforms = completed(waveforms, model.effects, model.per_turn, phasors, prior, estimate.named)
+    waveforms = completed(waveforms, model, phasors, prior, estimate.named)
     layout = fitted_layout(prior, waveforms, model.delay, model.effects)
     problem = make_problem(phasors, prior, layout, estimate.named, waveforms, noise)
     problem, p = near_solution(problem, estimate.wound), problem.start(estimate.named)

@@ -29,6 +29,8 @@ _RICHER = {
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
 NARROWER = {0.1: 0.03, 0.03: 0.0}
 """The next narrower reversal of each one."""
+_DIFFERS = 0.5
+"""Ratio of misfits from which friction that differs from record to record is fitted."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
@@ -162,8 +164,15 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None or model.reversal is None:
         return []
-    richer = _RICHER.get((model.reversal, model.curve), ()) if search.may_be_richer(found) else ()
-    return [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+    if not search.may_be_richer(found):
+        return []
+    richer = _RICHER.get((model.reversal, model.curve), ())
+    others = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
+    if search.has_motions or model.varies or not model.reversal:
+        return others
+    own = replace(model, varies=True)
+    is_near = step_towards(search, own, found)[1] < _DIFFERS * found.misfit
+    return [own, *others] if is_near else others
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:

@@ -189,13 +189,14 @@ class Search:
     def of_rows(self, rows: np.ndarray) -> Search:
         """The same search in some rows."""
         noise, fits = self.noise, self.fits
+        fewer = rows.size / len(noise.covariance)
         return Search(
             self.phasors.select(rows),
             self.prior.of_rows(rows),
             self.start,
             noise.select(rows),
             self.base,
-            Fits(fits.optional, fits.rows * rows.size // len(noise.covariance)),
+            Fits(fits.optional, int(fits.rows * fewer), levels=round(fits.levels * fewer)),
             self.first,
             gives_up_late=self.gives_up_late,
         )
@@ -297,7 +298,7 @@ class Search:
     ) -> FrictionWaveforms | None:
         """The same with those that follow from the gear torque at these parameters."""
         waveforms = self.waveforms(model, p)
-        return completed(waveforms, parts, model.per_turn, self.phasors, self.prior, p)
+        return completed(waveforms, model, self.phasors, self.prior, p, parts)
 
     @staticmethod
     def is_full(model: Model) -> bool:

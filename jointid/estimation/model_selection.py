@@ -130,7 +130,7 @@ def choose_model(
         linear,
         noise,
         Model(0.0 if friction else None, delay, per_turn=per_turn),
-        Fits(() if exactly else parts, max(rows, 1)),
+        Fits(() if exactly else parts, max(rows, 1), levels=2 * phasors.q.size),
         first=tuple(first),
         rejected=tuple(rejected),
         most=most,

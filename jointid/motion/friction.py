@@ -42,6 +42,9 @@ _STATIONARY = 0.25
 """Share of the largest velocity with unknown sign from which a joint counts as stationary: one slip of a
 joint that sticks gives all harmonics, with up to some five of their standard deviations."""
 
+_DIFFERS = 0.5
+"""Standard deviation of the friction of one sine from that of all, over the latter."""
+
 _SHORT = 0.5
 """Periods of the highest harmonic below which a slow stretch without reversal is not resolved."""
 
@@ -213,6 +216,21 @@ def with_load(friction: FrictionWaveforms, phasors: Phasors, gear: GearTorque) -
         found[row, : len(every)] = every
     load = found * np.any(phasors.harmonics != 0, axis=2)[..., None]
     return replace(friction, further={**friction.further, "load": load})
+
+
+def with_level_of_records(
+    friction: FrictionWaveforms, phasors: Phasors, coulomb: Floats, viscous: Floats
+) -> FrictionWaveforms:
+    """Waveforms with Coulomb and viscous friction, each (n,), that differ from one sine to another."""
+    H, n = phasors.harmonics.shape[1], phasors.n
+    rate = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None] * phasors.harmonics[..., :n]
+    levels = np.stack([coulomb * friction.coulomb, viscous * rate], axis=-1)  # (r, H, n, 2)
+    levels *= ~friction.stationary[:, None, :, None]
+    unknown = [
+        replace(own, bounded=[each[:, each.any(axis=0)] for each in level.swapaxes(0, 1)])
+        for own, level in zip(friction.unknown, levels, strict=True)
+    ]
+    return replace(friction, unknown=unknown, sizes=np.full((len(unknown), n), _DIFFERS))
 
 
 def seen_angles(phasors: Phasors) -> tuple[Floats, np.ndarray]:

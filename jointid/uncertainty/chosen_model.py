@@ -115,4 +115,4 @@ def chosen_friction(
         phasors, model.reversal or 0.0, curve=model.curve, position_filter=filters
     )
     prior = prior or fit.prior
-    return completed(waveforms, model.parts, model.per_turn, phasors, prior, p) or waveforms
+    return completed(waveforms, model, phasors, prior, p)
