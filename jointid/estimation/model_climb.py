@@ -10,7 +10,7 @@ from jointid.estimation.candidates import EXPLAINED, NEEDED, Model
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import FRICTION_EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.model_growth import NEARLY_ALL, other_part_leads
+from jointid.estimation.model_growth import NEARLY_ALL, friction_of_records, other_part_leads
 from jointid.estimation.model_search import DOUBTFUL, POOR, PROMISING, Search
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances, by_motion
@@ -58,8 +58,10 @@ def fit_first(search: Search) -> None:
             if search.is_lost:
                 search.fit(free, found.named)
             nearest = fits.estimate(free)
-            if search.is_lost and nearest:  # motors that stick for long
-                search.fit(replace(base, reversal=0.1), nearest.named)
+            if search.is_lost and nearest:  # friction that changes, or motors that stick for long
+                for model in (*friction_of_records(search, free), replace(base, reversal=0.1)):
+                    if search.is_lost:
+                        search.fit(model, nearest.named)
     if not by_start and (search.is_lost or sliding not in fits.tried):
         search.fit(base, start)
         if fits.misfit(base) > DOUBTFUL and not search.is_distorted:

@@ -168,11 +168,15 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
         return []
     richer = _RICHER.get((model.reversal, model.curve), ())
     others = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
-    if search.has_motions or model.varies or not model.reversal:
-        return others
-    own = replace(model, varies=True)
-    is_near = step_towards(search, own, found)[1] < _DIFFERS * found.misfit
-    return [own, *others] if is_near else others
+    return [*friction_of_records(search, model), *others]
+
+
+def friction_of_records(search: Search, model: Model) -> list[Model]:
+    """The model with friction that differs from record to record, where that explains far more."""
+    found, own = search.fits.estimate(model), replace(model, varies=True)
+    if found is None or search.has_motions or model.varies or not model.reversal:
+        return []
+    return [own] * (step_towards(search, own, found)[1] < _DIFFERS * found.misfit)
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:
