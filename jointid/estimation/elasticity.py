@@ -40,6 +40,8 @@ class Friction:
     """Standard errors of coulomb (n), then viscous (n), shape (2n,); 0 without a reversal."""
     load: Floats | float = 0.0
     """Share μ of the torque through the gear, shape (n,); 0 where it was not fitted."""
+    change: Floats | float = 0.0
+    """Standard deviation of ``coulomb`` between sine records, shape (n,), N·m; 0 where all have one."""
 
 
 AGREEING = 2.0
@@ -273,7 +275,7 @@ def _friction(estimate: LikelihoodEstimate) -> Friction:
         coulomb = coulomb + p["motor_presliding"]
         variance[own] += variance[rising] + 2 * np.diag(C[own, rising])
     error = np.sqrt(variance[p.layout.span("coulomb", "viscous")])
-    return Friction(coulomb, p["viscous"], error, p.effect("load"))
+    return Friction(coulomb, p["viscous"], error, p.effect("load"), estimate.friction_change)
 
 
 def made_fit(

@@ -233,6 +233,25 @@ def with_level_of_records(
     return replace(friction, unknown=unknown, sizes=np.full((len(unknown), n), _DIFFERS))
 
 
+def change_of_level(friction: FrictionWaveforms, torque: Complexes) -> Floats:
+    """Standard deviation between sines of the Coulomb friction in torques (r, H, n), shape (n,), N·m.
+
+    The torques contain free friction as well.
+    """
+    change: Floats = np.full(friction.stationary.shape, np.nan)
+    for row, joint in np.argwhere(friction.coulomb.any(axis=1)).tolist():
+        known = friction.unknown[row].known[:, joint]
+        columns = np.column_stack(
+            [friction.coulomb[row, known, joint], friction.unknown[row].free[joint][known]]
+        )
+        left = torque[row, known, joint]
+        rows, right = (np.concatenate([each.real, each.imag]) for each in (columns, left))
+        change[row, joint] = np.linalg.lstsq(rows, right)[0][0]
+    few = np.count_nonzero(np.isfinite(change), axis=0) < 2
+    change[:, few] = 0.0
+    return np.asarray(np.nanstd(change, axis=0))
+
+
 def seen_angles(phasors: Phasors) -> tuple[Floats, np.ndarray]:
     """Variances of the angles' harmonics, and which are above their noise or fundamentals, (r, H, n)."""
     n = phasors.n

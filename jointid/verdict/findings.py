@@ -22,7 +22,7 @@ from jointid.verdict.rules_causes import (
     poses_disagree,
     torque_lags,
 )
-from jointid.verdict.rules_effects import depends_on_amplitude, effects_found
+from jointid.verdict.rules_effects import depends_on_amplitude, effects_found, friction_changes
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     MODEL_LIMITS,
@@ -81,6 +81,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     against_the_paper,
     torque_lags,
     effects_found,
+    friction_changes,
     link_in_series,
     foreign_peak,
     rejected,

@@ -10,7 +10,7 @@ from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS, PERIODIC_EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import amplitude_dependence, second_amplitude
-from jointid.verdict.evidence import Evidence, Finding, note, number, warning
+from jointid.verdict.evidence import Evidence, Finding, note, number, relative, warning
 from jointid.verdict.rules_causes import (
     CANNOT_TELL,
     alternatives,
@@ -75,6 +75,22 @@ _REMEDIES = {
 
 _CLEAR = 3.0
 """Standard errors from which different lags of the drives are reported."""
+
+
+def friction_changes(evidence: Evidence) -> Iterator[Finding]:
+    """Coulomb friction that differs from record to record."""
+    friction = evidence.fit.friction
+    if friction is None or not np.any(friction.change) or contradicts(evidence.fit):
+        return
+    share = relative(np.asarray(friction.change), friction.coulomb)
+    sizes = [f"{percent(x)} in joint {j + 1}" for j, x in enumerate(share.tolist()) if x > 0]
+    yield note(
+        "The friction of the motors changes from record to record",
+        f"The standard deviation of Coulomb friction is {enumerated(sizes)}. The fit gives every record a "
+        "friction of its own.",
+        "No action needed. Records of a warm robot, in random order of frequency, agree better.",
+        float(np.nanmax(share)),
+    )
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:

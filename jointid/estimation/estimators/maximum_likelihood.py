@@ -36,7 +36,7 @@ from jointid.estimation.estimators.whitened_residual import (
 )
 from jointid.gears.wound import Wound
 from jointid.joints import Inertia
-from jointid.motion.friction import FrictionWaveforms
+from jointid.motion.friction import FrictionWaveforms, change_of_level
 from jointid.phasors.extract import Phasors
 from jointid.small_matrices import (
     INSEPARABLE,
@@ -84,6 +84,8 @@ class LikelihoodEstimate(Estimate):
     """Factor on each row's variance in the fit, as of ``Misfit``."""
     gravity: Floats
     """Fitted gravity stiffness with each M2, shape (p, n, n), without that of a common unknown."""
+    friction_change: Floats
+    """Standard deviation of Coulomb friction between sines, (n,), N·m; 0 where it does not differ."""
     wound: Wound | None
     """Deflection of nonlinear gears in motions."""
 
@@ -189,6 +191,9 @@ def maximum_likelihood(
     if std is not None:
         of_gravity = Gravity.of(fitted, fitted.visible_columns, covariance, std).covariance()
     covariance = widened_covariance(fitted, covariance, by_prior) + repeated + of_gravity
+    change: Floats = np.zeros(problem.n)
+    if friction is not None and problem.ends is None and friction.sizes.any():
+        change = change_of_level(friction, fitted.free_friction())
     return LikelihoodEstimate(
         layout=problem.layout,
         p=p,
@@ -211,6 +216,7 @@ def maximum_likelihood(
         ),
         scale=scale,
         gravity=problem.prior.gravity,
+        friction_change=change,
         wound=fitted.at.wound and fitted.at.wound.alone(),
     )
 
