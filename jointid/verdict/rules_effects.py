@@ -86,7 +86,7 @@ def friction_changes(evidence: Evidence) -> Iterator[Finding]:
     sizes = [f"{percent(x)} in joint {j + 1}" for j, x in enumerate(share.tolist()) if x > 0]
     yield note(
         "The friction of the motors changes from record to record",
-        f"Coulomb friction has a standard deviation of {enumerated(sizes)}. The fit gives every record a "
+        f"Coulomb friction has a standard deviation of {enumerated(sizes)}. The fit gives every record "
         "friction of its own.",
         "No action needed. Records of a warm robot, in random order of frequency, agree better.",
         float(np.nanmax(share)),
