@@ -763,6 +763,7 @@ def test_errors_hold_what_harmonics_and_rests_do_not_show(
     estimate: Any = SimpleNamespace(
         layout=layout, named=p, covariance=C, inertias=(SERIAL,) * 3, fundamental=(1.2, 30),
         prior_covariance=0.1 * C, rests_in_noise=rests, odd_misfit=1.0, gravity=None,
+        friction_change=np.zeros(2),
         phasors=SimpleNamespace(torque_size=torque, motion=np.array(moves)),
     )  # fmt: skip
     choice: Any = SimpleNamespace(candidates=("a", "b"), spread=np.diag([4.0, 1.0, 9.0, 0.25]))

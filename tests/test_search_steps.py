@@ -367,6 +367,7 @@ FREE, WIDE, LATE = (
     replace(SLIDING, reversal=0.1),
     Model(None, delay=True),
 )
+OWN = replace(FREE, varies=True)
 
 
 def growing(misfits: dict[Model, float], **facts: Any) -> tuple[Any, list[Any]]:
@@ -415,6 +416,10 @@ def gains(**parts: float) -> dict[str, Any]:
         ({SLIDING: 3.0}, {"is_distorted": True}, [SLIDING]),
         ({SLIDING: 1e3, FREE: 2.0}, {"is_distorted": True}, [SLIDING, (FREE, "near")]),
         (
+            {SLIDING: 1e3, FREE: 500.0, OWN: 2.0}, {"is_distorted": True},
+            [SLIDING, (FREE, "near"), (OWN, "near")],
+        ),
+        (
             {SLIDING: 1e3, FREE: 500.0, WIDE: 400.0, RIGID: 5e3}, {"is_distorted": True},
             [SLIDING, (FREE, "near"), (WIDE, "near"), RIGID, LATE, (FREE, "near")],
         ),
@@ -432,9 +437,14 @@ def gains(**parts: float) -> dict[str, Any]:
     ],
 )  # fmt: skip
 def test_first_models_are_friction_and_a_delay_where_without_them_the_data_are_far(
-    misfits: dict[Model, float], facts: dict[str, Any], fitted: list[Any]
+    misfits: dict[Model, float],
+    facts: dict[str, Any],
+    fitted: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """From the start, or where so named from other values; misfits not given are 10,000."""
+    own = [OWN] if OWN in misfits else []
+    monkeypatch.setattr(model_climb, "friction_of_records", lambda *_: own)
     search, done = growing(misfits, **facts)
     fit_first(search)
     named = [

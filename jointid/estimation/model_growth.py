@@ -174,7 +174,7 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
 def friction_of_records(search: Search, model: Model) -> list[Model]:
     """The model with friction that differs from record to record, where that explains far more."""
     found, own = search.fits.estimate(model), replace(model, varies=True)
-    if found is None or search.has_motions or model.varies or not model.reversal:
+    if found is None or not model.reversal or model.varies or search.has_motions:
         return []
     return [own] * (step_towards(search, own, found)[1] < _DIFFERS * found.misfit)
 
