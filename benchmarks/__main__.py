@@ -34,6 +34,7 @@ LONG = {
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",
     "motion_peers": "K, D and inertias from two motions, against a grey-box fit in time and MuJoCo",
     "log_faults": "faults of the log: which ones cause a warning, and answers without one",
+    "changing_robot": "robots that change from record to record: warnings, and answers without one",
     "random_studies": "10,000 random studies: no exception, the same answer twice, CPU time",
     "six_axes": "K and D of six axes with friction and an unknown payload, sines and motions",
     "arm_side": "K from sensors behind the gears: errors, skew, predictions of other records",

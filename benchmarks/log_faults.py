@@ -81,6 +81,12 @@ FAULTS: dict[str, Fault] = {
 }  # fmt: skip
 
 
+COLUMNS = {
+    "fault": "", "runs": ".0f", "silently wrong": ".0f", "with a warning": ".0f",
+    "largest silent error, σ": ".1f", "CPU, median, s": ".1f", "CPU, largest, s": ".1f", "warnings": "",
+}  # fmt: skip
+
+
 def measure(quick: bool) -> Iterator[Table]:
     """Outcomes of every fault, for sines and motions."""
     for kind in KINDS[:1] if quick else KINDS:
@@ -90,13 +96,8 @@ def measure(quick: bool) -> Iterator[Table]:
 def table(runs: int, kind: str, faults: Sequence[str]) -> Table:
     """A row for each fault."""
     studies = [each for run in range(runs) for each in _studies(run, kind)]
-    columns = {
-        "fault": "", "runs": ".0f", "silently wrong": ".0f", "with a warning": ".0f",
-        "largest silent error, σ": ".1f", "CPU, median, s": ".1f", "CPU, largest, s": ".1f",
-        "warnings": "",
-    }  # fmt: skip
-    rows = tuple(_row(name, [_outcome(FAULTS[name], *each) for each in studies]) for name in faults)
-    return Table(f"log faults, {kind}", f"Faults of the log, {kind}", columns, rows)
+    rows = tuple(row(name, [_outcome(FAULTS[name], *each) for each in studies]) for name in faults)
+    return Table(f"log faults, {kind}", f"Faults of the log, {kind}", COLUMNS, rows)
 
 
 def _studies(run: int, kind: str) -> Iterator[tuple[Study, Array, int]]:
@@ -128,7 +129,8 @@ def _outcome(fault: Fault, study: Study, answer: Array, run: int) -> Outcome:
     return outcome(replace(study, records=tuple(map(faulty, study.records))), answer)
 
 
-def _row(name: str, found: Sequence[Outcome]) -> dict[str, Cell]:
+def row(name: str, found: Sequence[Outcome]) -> dict[str, Cell]:
+    """Row of a table of outcomes."""
     calm = [float(np.abs(each.z).max()) for each in found if not each.alarms]
     cpu = [each.cpu_s for each in found]
     return {
