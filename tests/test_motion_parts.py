@@ -870,7 +870,10 @@ def test_free_friction_is_that_of_generalised_least_squares(bounded: bool, ends:
         )
         for own in counts
     ]
-    free, number = FreeFriction.of(records, sizes, H), sum(map(sum, counts))
+    free, number = (
+        FreeFriction.of(records, sizes, np.zeros((r, H, n, 0), complex)),
+        sum(map(sum, counts)),
+    )
     assert bool(free.bases) == bounded
     assert free.shapes == number
     at_ends, further = np.array([0, 2]), complex_noise(rng, 2, H, n, 3)
@@ -924,14 +927,15 @@ def test_free_friction_moves_and_scales_with_the_record() -> None:
         turn = np.exp(1j * rng.uniform(0, 6, (1, H, n)))
         V, known = np.tile(np.eye(n).astype(complex), (1, H, 1, 1)), np.ones((H, n), bool)
         size, scale = np.array([[1.0, 2.0]]), np.array([0.5, 3.0])
-        free = FreeFriction.of([Waveforms(*shapes, known)], size, H)
+        same = np.zeros((1, H, n, 0), complex)
+        free = FreeFriction.of([Waveforms(*shapes, known)], size, same)
         moved = [[own * turn[0, :, j, None] for j, own in enumerate(each)] for each in shapes]
         values = complex_noise(rng, 1, H, n, 1)
         for found, own, std in (
             (free.moved(turn), moved, size),
             (free.scaled(scale), shapes, size * scale),
         ):
-            true = FreeFriction.of([Waveforms(*own, known)], std, H)
+            true = FreeFriction.of([Waveforms(*own, known)], std, same)
             costs = [(each.projection(V, V).rows(values) ** 2).sum() for each in (found, true)]
             assert costs[0] == pytest.approx(costs[1])
 

@@ -62,7 +62,11 @@ def test_free_shapes_of_any_number_are_projected_out(seed: int, bounded: int) ->
     W = np.broadcast_to(mixing, (r, H, n, n)).astype(complex)
     V = np.linalg.inv(W.conj().swapaxes(2, 3) @ W)
     others, every = [np.zeros((H, bounded), complex)] * n, np.ones((H, n), bool)
-    free = FreeFriction.of([Waveforms(own, others, every) for own in shown], np.zeros((r, n)), H)
+    free = FreeFriction.of(
+        [Waveforms(own, others, every) for own in shown],
+        np.zeros((r, n)),
+        np.zeros((r, H, n, 0), complex),
+    )
     assert bool(free.bases) == bool(bounded)
     projection = free.projection(W, V)
     values = rng.standard_normal((r, H, n, 3)) + 1j * rng.standard_normal((r, H, n, 3))
@@ -88,7 +92,11 @@ def test_waveforms_of_known_size_are_noise() -> None:
     V = np.eye(n) * np.array([1.0, 4.0, 0.25]) + 0.1 * np.ones((H, n, n)) + 0j
     bounded = [rng.standard_normal((H, 2)) + 1j * rng.standard_normal((H, 2)) for _ in range(n)]
     none = [np.zeros((H, 0), complex)] * n
-    free = FreeFriction.of([Waveforms(none, bounded, np.ones((H, n), bool))], np.ones((1, n)), H)
+    free = FreeFriction.of(
+        [Waveforms(none, bounded, np.ones((H, n), bool))],
+        np.ones((1, n)),
+        np.zeros((1, H, n, 0), complex),
+    )
     r = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
     rows = free.projection(whitener(V[None]), V[None]).rows(r)
     whole = np.zeros((2 * H * n, 2 * H * n))  # twice the covariance of the real rows

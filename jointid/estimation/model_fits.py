@@ -27,7 +27,7 @@ from jointid.motion.friction import (
     FrictionWaveforms,
     friction_waveforms,
     gear_torque_of,
-    with_level_of_records,
+    with_levels,
     with_load,
 )
 from jointid.motion.per_turn import with_turns
@@ -88,7 +88,8 @@ def completed(
     if waveforms is None:
         return None
     if model.varies:
-        waveforms = with_level_of_records(waveforms, phasors, p["coulomb"], p["viscous"])
+        friction = (p[name] / p.torque_scale for name in ("coulomb", "viscous"))
+        waveforms = with_levels(waveforms, phasors, *friction)
     if not (effects or "load" in parts):
         return waveforms
     loaded = "load" in parts

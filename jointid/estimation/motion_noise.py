@@ -17,6 +17,7 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
+from jointid.estimation.model_growth import DIFFERS
 from jointid.estimation.model_selection import FAR, LOOSE
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances
@@ -202,7 +203,10 @@ def _first_fit(
 def _fit_from(
     phasors: Phasors, prior: InertiaPrior, start: Parameters, noise: Noise
 ) -> tuple[Model, LikelihoodEstimate] | None:
-    """A model with friction, where the records show it, and a delay, where it explains far more."""
+    """A model with friction, where the records show it, and what explains far more.
+
+    That is friction that differs from segment to segment, or a delay.
+    """
     best: tuple[Model, LikelihoodEstimate] | None = None
     rubs = Model(0.0, delay=False)
     for model in (Model(None, delay=False), rubs)["coulomb" in start.layout :]:
@@ -211,6 +215,12 @@ def _fit_from(
             if best and (richer.misfit > _BETTER * best[1].misfit or not dissipates(richer)):
                 break
             best = model, richer
+    if best is not None and best[0].reversal is not None:
+        model, found = best
+        with contextlib.suppress(JointIdError):
+            own = replace(model, varies=True)
+            if stepped(phasors, prior, found, noise, own)[1] < DIFFERS * found.misfit:
+                best = own, fit_model(phasors, prior, found.named, noise, own)
     if best is not None:
         model, found = best
         with contextlib.suppress(JointIdError):  # for example of a hold that is not declared

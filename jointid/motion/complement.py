@@ -144,6 +144,27 @@ class Basis:
             columns=self.columns * np.where(self.is_sized, sizes[self.of_joint], 1.0)[:, None],
         )
 
+    def with_levels(self, levels: Complexes) -> Basis:
+        """The basis with further waveforms (H, n, c) of standard deviation 1."""
+        levels = np.sqrt(2) * levels[: len(self.kept)]
+        bounded, columns, joints = [], [self.columns], [self.of_joint]
+        for j, (used, known) in enumerate(zip(self.of_joints(), self.bounded, strict=True)):
+            own = levels[:, j]
+            sizes = (self.torques[used].conj() @ own).real
+            bounded.append(known + sizes @ sizes.T)
+            if self.kept[:, j].any():
+                columns.append((own * self.kept[:, j, None]).T)
+                joints.append(np.full(own.shape[1], j))
+        of_joint = np.concatenate(joints)
+        is_sized = np.pad(self.is_sized, (0, of_joint.size - self.of_joint.size), constant_values=True)
+        return replace(
+            self,
+            bounded=tuple(bounded),
+            columns=np.concatenate(columns),
+            of_joint=of_joint,
+            is_sized=is_sized,
+        )
+
     def of_joints(self) -> Iterator[slice]:
         """Place of every joint's torques."""
         edges = np.searchsorted(self.joint, np.arange(self.freed.size + 1)).tolist()

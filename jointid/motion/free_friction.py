@@ -37,16 +37,19 @@ class FreeFriction:
     """Number of waveforms; their rank may be smaller."""
 
     @classmethod
-    def of(cls, records: Sequence[Waveforms], sizes: Floats, H: int) -> FreeFriction:
+    def of(cls, records: Sequence[Waveforms], sizes: Floats, levels: Complexes) -> FreeFriction:
         """Collect the waveforms of the records, each at its own first bins of H.
 
-        ``sizes``, shape (r, n), are the standard deviations of the bounded ones; the complement takes
-        them as noise. Only it knows that the friction of a reversal is one torque in all bins.
+        ``sizes``, shape (r, n), are the standard deviations of the bounded ones, and ``levels``, (r, H,
+        n, c), others of standard deviation 1; the complement takes them as noise. Only it knows that
+        the friction of a reversal is one torque in all bins.
         """
         counts = np.array([own.count for own in records], dtype=int)
-        n = sizes.shape[1]
-        if any(each.shape[1] for own in records for each in own.bounded):
+        _, H, n, differing = levels.shape
+        if differing or any(each.shape[1] for own in records for each in own.bounded):
             bases = tuple(own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
+            if differing:
+                bases = tuple(map(Basis.with_levels, bases, levels))
             return cls(bases=bases, shapes=int(sum(basis.freed.sum() for basis in bases)))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []

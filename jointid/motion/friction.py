@@ -70,6 +70,8 @@ class FrictionWaveforms:
     then unknown over the whole period, and its residual carries no information."""
     direction: Sequence[Floats]
     """Sign of θ̇ over every record, each (n, points)."""
+    levels: Complexes
+    """Phasors of friction that differs from record to record, per standard deviation, (r, H, n, c)."""
     position_filter: Floats = field(default_factory=lambda: np.zeros(1))
     """Time constants of the position filters that are removed from the velocities, (n,), s."""
     further: Mapping[str, Complexes] = field(default_factory=dict)
@@ -87,7 +89,7 @@ class FrictionWaveforms:
     @cached_property
     def free(self) -> FreeFriction:
         """Free friction waveforms around the reversals."""
-        return FreeFriction.of(self.unknown, self.sizes, self.coulomb.shape[1])
+        return FreeFriction.of(self.unknown, self.sizes, self.levels)
 
 
 def friction_waveforms(
@@ -137,7 +139,8 @@ def friction_waveforms(
     equations = known[..., None] & ~stationary[:, None]
     unknown = [Waveforms(own, none, used) for own, used in zip(free, equations, strict=True)]
     none_bounded = np.zeros(stationary.shape)
-    return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs))
+    one: Complexes = np.zeros((*coulomb.shape, 0), complex)
+    return FrictionWaveforms(coulomb, fading, unknown, none_bounded, stationary, list(signs), one)
 
 
 def _velocities(phasors: Phasors) -> tuple[Floats, Floats]:
@@ -218,19 +221,14 @@ def with_load(friction: FrictionWaveforms, phasors: Phasors, gear: GearTorque) -
     return replace(friction, further={**friction.further, "load": load})
 
 
-def with_level_of_records(
+def with_levels(
     friction: FrictionWaveforms, phasors: Phasors, coulomb: Floats, viscous: Floats
 ) -> FrictionWaveforms:
-    """Waveforms with Coulomb and viscous friction, each (n,), that differ from one sine to another."""
+    """Waveforms with Coulomb and viscous friction, each (n,), that differ between sines or segments."""
     H, n = phasors.harmonics.shape[1], phasors.n
     rate = 1j * phasors.omega[:, None, None] * np.arange(1, H + 1)[:, None] * phasors.harmonics[..., :n]
-    levels = np.stack([coulomb * friction.coulomb, viscous * rate], axis=-1)  # (r, H, n, 2)
-    levels *= ~friction.stationary[:, None, :, None]
-    unknown = [
-        replace(own, bounded=[each[:, each.any(axis=0)] for each in level.swapaxes(0, 1)])
-        for own, level in zip(friction.unknown, levels, strict=True)
-    ]
-    return replace(friction, unknown=unknown, sizes=np.full((len(unknown), n), _DIFFERS))
+    levels = _DIFFERS * np.stack([coulomb * friction.coulomb, viscous * rate], axis=-1)
+    return replace(friction, levels=levels * ~friction.stationary[:, None, :, None])
 
 
 def change_of_level(friction: FrictionWaveforms, torque: Complexes) -> Floats:
@@ -291,7 +289,10 @@ def _of_segments(phasors: Phasors, window: float | None, curve: bool) -> Frictio
         found, bins = segment_friction(segment, window, widths), slice(segment.highest)
         coulomb[row, bins], fading[row, bins], direction[row], unknown[row], stationary[row] = found
         sizes[row] = segment.unknown_Nm
-    return FrictionWaveforms(coulomb, fading, unknown.tolist(), sizes, stationary, direction.tolist())
+    one: Complexes = np.zeros((r, H, n, 0), complex)
+    return FrictionWaveforms(
+        coulomb, fading, unknown.tolist(), sizes, stationary, direction.tolist(), one
+    )
 
 
 def _freed(

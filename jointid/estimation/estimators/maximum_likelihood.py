@@ -192,7 +192,7 @@ def maximum_likelihood(
         of_gravity = Gravity.of(fitted, fitted.visible_columns, covariance, std).covariance()
     covariance = widened_covariance(fitted, covariance, by_prior) + repeated + of_gravity
     change: Floats = np.zeros(problem.n)
-    if friction is not None and problem.ends is None and friction.sizes.any():
+    if friction is not None and problem.ends is None and friction.levels.size:
         change = change_of_level(friction, fitted.free_friction())
     return LikelihoodEstimate(
         layout=problem.layout,
