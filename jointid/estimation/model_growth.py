@@ -29,7 +29,7 @@ _RICHER = {
 sharp to a gradual reversal), and whether friction varies nonlinearly with speed."""
 NARROWER = {0.1: 0.03, 0.03: 0.0}
 """The next narrower reversal of each one."""
-DIFFERS = 0.5
+_DIFFERS = 0.5
 """Ratio of misfits from which friction that differs from record to record is fitted."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
@@ -176,7 +176,7 @@ def friction_of_records(search: Search, model: Model) -> list[Model]:
     found, own = search.fits.estimate(model), replace(model, varies=True)
     if found is None or not model.reversal or model.varies or search.has_motions:
         return []
-    return [own] * (step_towards(search, own, found)[1] < DIFFERS * found.misfit)
+    return [own] * (step_towards(search, own, found)[1] < _DIFFERS * found.misfit)
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:

@@ -17,7 +17,6 @@ from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise, floored, sensor_noise
 from jointid.estimation.estimators.parameters import Parameters
 from jointid.estimation.model_fits import evaluated, fit_model, stepped
-from jointid.estimation.model_growth import DIFFERS
 from jointid.estimation.model_selection import FAR, LOOSE
 from jointid.estimation.regression_start import regression_start
 from jointid.estimation.start_values import at_resonances
@@ -42,6 +41,9 @@ _NOISES = 4
 """Estimates of the noise from the first segments of many."""
 _POOR, _FAR_BETTER = 1.5, 0.3
 """Misfit above which friction of motors at rest may bias the start; ratio that shows a better one."""
+_DIFFERS = 0.8
+"""Ratio of misfits from which friction differs from segment to segment; it is 0.96 or more where it does
+not, 0.6 to 0.8 where it falls by 5 % over three records."""
 _LATEST = 0.2
 """Largest share of a motor's velocity at which friction may have turned it back: more is friction in a
 wrong unit, with which all of the motion would be a reversal."""
@@ -219,7 +221,7 @@ def _fit_from(
         model, found = best
         with contextlib.suppress(JointIdError):
             own = replace(model, varies=True)
-            if stepped(phasors, prior, found, noise, own)[1] < DIFFERS * found.misfit:
+            if stepped(phasors, prior, found, noise, own)[1] < _DIFFERS * found.misfit:
                 best = own, fit_model(phasors, prior, found.named, noise, own)
     if best is not None:
         model, found = best
