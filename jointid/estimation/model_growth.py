@@ -242,20 +242,25 @@ def step_towards(search: Search, other: Model, found: LikelihoodEstimate) -> tup
 
 
 def narrowed(search: Search, best: Model) -> Model:
-    """The model, or it with narrower reversals where they explain as much.
+    """The model, or it with narrower reversals or friction of one level, where they explain as much.
 
-    Wide ones, which parts that were missing required, take the information on K and D.
+    Richer friction, which parts that were missing required, takes the information on K and D.
     """
-    found, narrower = search.fits.estimate(best), NARROWER.get(best.reversal or 0.0)
-    if found is None or narrower is None or search.has_motions:
+    found = search.fits.estimate(best)
+    if found is None or search.has_motions:
         return best
-    sharper = replace(best, reversal=narrower)
-    if sharper not in search.fits.tried:
-        _, misfit = step_towards(search, sharper, found)
-        if misfit > NEEDED * max(1.0, found.misfit):
-            return best
-        search.fit(sharper, found.named)
-    return best if search.fits.least([best, sharper]) == best else narrowed(search, sharper)
+    others = [replace(best, varies=False)] * best.varies
+    if best.reversal in NARROWER:
+        others.append(replace(best, reversal=NARROWER[best.reversal]))
+    for sharper in others:
+        if sharper not in search.fits.tried:
+            _, misfit = step_towards(search, sharper, found)
+            if misfit > NEEDED * max(1.0, found.misfit):
+                continue
+            search.fit(sharper, found.named)
+        if search.fits.least([best, sharper]) == sharper:
+            return narrowed(search, sharper)
+    return best
 
 
 def _friction_varies_with_speed(search: Search, model: Model, found: LikelihoodEstimate) -> bool:
