@@ -58,7 +58,7 @@ from jointid.estimation.model_search import Search
 from jointid.estimation.model_selection import choose_model
 from jointid.gears.arm_friction import PeriodicFriction
 from jointid.gears.gear import Gear, gears_with
-from jointid.motion.friction import friction_waveforms
+from jointid.motion.friction import change_of_level, friction_waveforms, with_levels
 from jointid.motion.noise import repeated_variances
 from jointid.motion.reversals import _transforms
 
@@ -428,6 +428,23 @@ def test_friction_turns_strongly_coupled_arms_back_earlier() -> None:
     size = np.linalg.norm(found.sign)
     assert np.linalg.norm(again.sign - found.sign) < 1e-3 * size < 0.1 * size
     assert np.linalg.norm(alone.sign - found.sign) > 0.02 * size
+
+
+def test_friction_that_differs_between_sines_has_waveforms_of_its_own() -> None:
+    """Half of Coulomb and viscous friction; a torque with some of either shows its Coulomb friction."""
+    phasors = extract_phasors(prescribed_motion(np.sign), harmonics=15)
+    found = friction_waveforms(phasors, 0.03)
+    coulomb, viscous = np.array([0.3, 0.1]), np.array([0.02, 0.0])
+    levels = with_levels(found, phasors, coulomb, viscous).levels
+    np.testing.assert_allclose(levels[..., 0], 0.5 * coulomb * found.coulomb)
+    rate = 1j * phasors.omega[:, None, None] * np.arange(1, 16)[:, None] * phasors.harmonics[..., :2]
+    np.testing.assert_allclose(levels[..., 1], 0.5 * viscous * rate)
+    change = 0.1 * np.random.default_rng(1).standard_normal((len(levels), 1, 2))
+    torque = change * found.coulomb
+    for row, own in enumerate(found.unknown):
+        for j, free in enumerate(own.free):
+            torque[row, :, j] += free.sum(axis=1)
+    np.testing.assert_allclose(change_of_level(found, torque), change[:, 0].std(axis=0), rtol=1e-5)
 
 
 def test_the_jacobian_with_coulomb_friction_at_the_arm() -> None:

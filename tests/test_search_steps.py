@@ -207,6 +207,7 @@ def test_free_inertias_are_tried_far_off_and_with_many_equations_sooner(
     ],
 )
 @pytest.mark.parametrize(("late", "delayed"), [(0.1, True), (0.9, False), (None, False)])
+@pytest.mark.parametrize(("step", "differs"), [(0.79, True), (0.81, False)])
 def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_more(
     monkeypatch: pytest.MonkeyPatch,
     rubs: bool,
@@ -215,8 +216,13 @@ def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_
     chosen: Model | None,
     late: float | None,
     delayed: bool,
+    step: float,
+    differs: bool,
 ) -> None:
-    """``late`` is the misfit of a fit with a delay, over that without; None where it fails."""
+    """``late`` is the misfit of a fit with a delay, over that without; None where it fails.
+
+    ``step`` is that after a step towards friction that differs from segment to segment.
+    """
 
     def fit_model(_: Any, __: Any, ___: Any, ____: Any, model: Model) -> Any:
         misfit = misfits.get(Model(model.reversal, delay=False))
@@ -225,6 +231,8 @@ def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_
         return SimpleNamespace(misfit=misfit * (late or 1.0) if model.delay else misfit, named=None)
 
     monkeypatch.setattr(motion_noise, "fit_model", fit_model)
+    stepped = lambda _, __, found, *___: (None, step * found.misfit)  # noqa: E731
+    monkeypatch.setattr(motion_noise, "stepped", stepped)
     monkeypatch.setattr(motion_noise, "dissipates", lambda _: dissipates)
     start: Any = SimpleNamespace(layout=["coulomb"] if rubs else [])
     found = _fit_from(None, None, start, None)  # type: ignore[arg-type]
@@ -232,7 +240,8 @@ def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_
         assert found is None
     else:
         assert found is not None
-        assert found[0] == Model(chosen.reversal, delay=delayed)
+        differs &= chosen.reversal is not None
+        assert found[0] == Model(chosen.reversal, delay=delayed, varies=differs)
         assert found[1].misfit == pytest.approx(misfits[chosen] * ((late or 1.0) if delayed else 1.0))
 
 
@@ -567,6 +576,36 @@ def test_gravity_is_fitted_from_its_regression_with_friction_where_that_is_seen(
         search.fits.optional = ("gravity",)
         model_climb.fit_hanging(search)
         assert done == [(model.with_part("gravity"), start) for start in starts]
+
+
+@pytest.mark.parametrize(
+    ("model", "ratio", "found"),
+    [(FREE, 0.49, [OWN]), (FREE, 0.51, []), (SLIDING, 0.1, []), (OWN, 0.1, []), (RIGID, 0.1, [])],
+)
+def test_friction_may_differ_from_record_to_record_where_that_explains_half(
+    monkeypatch: pytest.MonkeyPatch, model: Model, ratio: float, found: list[Model]
+) -> None:
+    monkeypatch.setattr(model_growth, "step_towards", lambda *_: (None, 6.0 * ratio))
+    search, _ = growing({model: 6.0})
+    search.fit(model, "start")
+    assert model_growth.friction_of_records(search, model) == found
+    moving, _ = growing({model: 6.0}, has_motions=True)
+    moving.fit(model, "start")
+    assert not model_growth.friction_of_records(moving, model)
+
+
+@pytest.mark.parametrize(("level", "chosen"), [(2.9, FREE), (3.1, OWN)])
+def test_friction_of_one_level_replaces_that_of_each_record_where_it_explains_as_much(
+    monkeypatch: pytest.MonkeyPatch, level: float, chosen: Model
+) -> None:
+    """A fit is tried where a step from the other leaves up to three times the misfit."""
+    steps = {FREE: level, SLIDING: 9.0, replace(OWN, reversal=0.0): 9.0}
+    monkeypatch.setattr(model_growth, "step_towards", lambda _, other, __: (None, steps[other]))
+    search, done = growing({OWN: 1.0, FREE: 1.0})
+    search.fits.least = lambda models: models[-1]
+    search.fit(OWN, "start")
+    assert model_growth.narrowed(search, OWN) == chosen
+    assert ((FREE, "near") in done) == (chosen == FREE)
 
 
 @pytest.mark.parametrize(("least", "pruned"), [(RIGID, []), (LATE, [RIGID])])

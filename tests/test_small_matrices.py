@@ -112,6 +112,26 @@ def test_waveforms_of_known_size_are_noise() -> None:
     np.testing.assert_allclose((rows**2).sum(), real @ np.linalg.solve(whole, real), rtol=1e-9)
 
 
+@pytest.mark.parametrize("count", [0, 1, 5])  # the third motor does not keep its bins
+def test_levels_are_waveforms_of_standard_deviation_one(count: int) -> None:
+    """Beside as many free waveforms, and with a torque scale."""
+    rng, H, n = np.random.default_rng(6), 6, 2
+
+    def shapes(columns: int) -> list[np.ndarray]:
+        each = (n, H, columns)
+        return list(rng.standard_normal(each) + 1j * rng.standard_normal(each))
+
+    V = np.eye(n) * np.array([1.0, 4.0]) + 0.1 * np.ones((1, H, n, n)) + 0j
+    free, levels = shapes(count), shapes(2)
+    none, known = [each[:, :0] for each in levels], np.ones((H, n), bool)
+    costs, r = [], rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
+    for bounded, differing in ((levels, none), (none, levels)):
+        record, own = Waveforms(free, bounded, known), np.stack(differing, axis=1)[None]
+        found = FreeFriction.of([record], np.ones((1, n)), own).scaled(np.array([1.0, 3.0]))
+        costs.append((found.projection(whitener(V), V).rows(r) ** 2).sum())
+    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
+
+
 def test_a_singular_covariance_has_a_finite_whitener() -> None:
     direction = np.array([1.0, 2.0 - 1j, 1e6])
     V = np.outer(direction, direction.conj())[None]

@@ -1672,6 +1672,23 @@ def test_laws_of_gears_are_those_of_the_gears_that_have_them(monkeypatch: pytest
     assert not list(rules_effects.effects_found(case(fit=two_joints())))
 
 
+def test_friction_that_changes_between_records_is_noted_with_its_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    off = [False]
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: off[0])
+    both = "10 % in joint 1 and 30 % in joint 2."
+    for change, sizes in (([0.02, 0.0], "10 % in joint 1."), ([0.02, 0.03], both)):
+        friction = case(coulomb=np.array([0.2, 0.1]), change=np.array(change))
+        (found,) = rules_effects.friction_changes(case(fit=two_joints(friction=friction)))
+        assert found.level == "note"
+        assert sizes in found.detail
+    for none in (None, case(coulomb=np.ones(2), change=0.0)):
+        assert not list(rules_effects.friction_changes(case(fit=two_joints(friction=none))))
+    off[0] = True
+    assert not list(rules_effects.friction_changes(case(fit=two_joints(friction=friction))))
+
+
 def against(monkeypatch: pytest.MonkeyPatch, off: float, **parts: Any) -> list[Any]:
     """Findings where the paper's estimate of K2 differs by a relative ``off``."""
     fit = two_joints(gears=(), torque_scale=1.0, inertias=(), **parts)
