@@ -81,7 +81,8 @@ def test_derivatives_are_those_of_the_residual() -> None:
     names = {"coulomb": [0.01, 0.02], "ripple": [0.02, 0.0], "transmission": [1e-3, 2e-3]}
     start = fitted_layout(prior, friction_waveforms(phasors, None), False, parts[1:])
     p = start.named(start.pack(K=PAPER.K, D=PAPER.D, **names))
-    waves = completed(friction_waveforms(phasors, None), parts, PER_TURN, phasors, prior, p)
+    model = Model(0.0, delay=False, per_turn=PER_TURN)
+    waves = completed(friction_waveforms(phasors, None), model, phasors, prior, p, parts)
     layout = fitted_layout(prior, waves, False, parts[1:])
     problem = make_problem(
         phasors, prior, layout, p, waves, Noise(phasors.harmonic_covariance, phasors.degrees_of_freedom)

@@ -87,7 +87,8 @@ COMPARED_MODELS = (
     "for every parameter. A dash: the fit failed, a part of the model is not significant, or its "
     "friction at the reversals contradicts the fundamentals. Reversals free below 3 %: a motor may "
     "stick around a reversal, so below 3 % of the largest speed its friction is a free "
-    "waveform in place of a model; the values of this waveform count as parameters."
+    "waveform in place of a model; the values of this waveform count as parameters. Friction that "
+    "differs from record to record: every record has levels of Coulomb and viscous friction of its own."
 )
 """Explains ``compared_models``."""
 
