@@ -241,7 +241,7 @@ def test_a_first_fit_of_motions_has_friction_and_a_delay_where_they_explain_far_
     else:
         assert found is not None
         differs &= chosen.reversal is not None
-        assert found[0] == Model(chosen.reversal, delay=delayed, varies=differs)
+        assert found[0] == Model(chosen.reversal, delay=delayed, differs=differs)
         assert found[1].misfit == pytest.approx(misfits[chosen] * ((late or 1.0) if delayed else 1.0))
 
 
@@ -376,7 +376,7 @@ FREE, WIDE, LATE = (
     replace(SLIDING, reversal=0.1),
     Model(None, delay=True),
 )
-OWN = replace(FREE, varies=True)
+OWN = replace(FREE, differs=True)
 
 
 def growing(misfits: dict[Model, float], **facts: Any) -> tuple[Any, list[Any]]:

@@ -53,8 +53,8 @@ class Model:
     """Whether friction has a part that varies nonlinearly with speed."""
     effects: tuple[str, ...] = ()
     """Keys of ``EFFECTS``, in its order."""
-    varies: bool = False
-    """Whether Coulomb friction differs from record to record."""
+    differs: bool = False
+    """Whether Coulomb and viscous friction differ between sines, or segments of motions."""
     per_turn: tuple[PerTurn, ...] = ()
     """Orders of the periodic effects, also of those that the model lacks."""
 
@@ -106,7 +106,7 @@ class Model:
         """The model without one part."""
         if part == "friction":
             rest = tuple(e for e in self.effects if e not in FRICTION_EFFECTS)
-            return replace(self, reversal=None, curve=False, varies=False, effects=rest)
+            return replace(self, reversal=None, curve=False, differs=False, effects=rest)
         if part == "delay":
             return replace(self, delay=False)
         return replace(self, effects=tuple(e for e in self.effects if e != part))
@@ -114,7 +114,7 @@ class Model:
     @property
     def name(self) -> str:
         """Description of the model."""
-        changes = ["varies with speed"] * self.curve + ["differs from record to record"] * self.varies
+        changes = ["varies with speed"] * self.curve + ["differs from record to record"] * self.differs
         friction = ["friction" + " that " * bool(changes) + " and ".join(changes)]
         parts = ["elasticity"] + friction * (self.reversal is not None) + ["delay"] * self.delay
         orders = {each.effect: f" ({each.of_joints} per turn)" for each in self.per_turn}
@@ -195,7 +195,7 @@ class Fits:
     """Real equations of all records, joints and harmonics."""
     tried: dict[Model, LikelihoodEstimate | JointIdError] = field(default_factory=dict)
     levels: int = 0
-    """Coulomb and viscous friction of all joints in all sines: numbers that differ in some models."""
+    """Number of levels of friction, Coulomb and viscous, of all joints in all sines and segments."""
 
     def estimate(self, model: Model) -> LikelihoodEstimate | None:
         """Estimate of a model; None where it was not, or could not be, fitted."""
@@ -238,7 +238,7 @@ class Fits:
             if contradicted or (judged and not self._is_significant(model, estimate)):
                 continue
             free = estimate.parameter_count - estimate.p.size
-            fitted_numbers = estimate.p.size + self.levels * model.varies
+            fitted_numbers = estimate.p.size + self.levels * model.differs
             penalty = float(np.log(self.rows)) * fitted_numbers + 2 * free
             penalty += 4 * float(np.log(model.orders).sum())
             criterion[model] = 2 * estimate.whole_cost(misfit) + penalty

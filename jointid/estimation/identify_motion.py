@@ -179,7 +179,7 @@ def _identified(
         phasors, prior, rows, begin, many=many, gives_up=gives_up
     )
     few, own = phasors.select(rows), prior.of_rows(rows)
-    known = [each for each in first if many or each.delay or each.varies]
+    known = [each for each in first if many or each.delay or each.differs]
     search = partial(search, far=far)
     choice = search(few, own, start, noise=noise_of_rows(few, own), first=known)
     same = SAME_OF_MANY if many and (choice.model,) == first else SAME

@@ -87,7 +87,7 @@ def completed(
     effects = [each for each in model.per_turn if each.effect in parts]
     if waveforms is None:
         return None
-    if model.varies and "coulomb" in p.layout:
+    if model.differs and "coulomb" in p.layout:
         friction = (p[name] / p.torque_scale for name in ("coulomb", "viscous"))
         waveforms = with_levels(waveforms, phasors, *friction)
     if not (effects or "load" in parts):
@@ -140,7 +140,7 @@ def fit_model(
             # Load-dependent friction and, in motions, the arms' directions follow from the parameters.
             turned = "arm_coulomb" in model.effects and phasors.motion.any()
             follows = {"load", "transmission"}.intersection(model.effects)
-            own = model.varies and "coulomb" not in start.layout
+            own = model.differs and "coulomb" not in start.layout
             same = not (turned or own) and not (follows and _differ(friction, at(estimate.named)))
             if waveforms and "position_filter" in model.effects and not phasors.motion.any():
                 found = estimate.named["position_filter"]

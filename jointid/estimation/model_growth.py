@@ -173,8 +173,8 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
 
 def friction_of_records(search: Search, model: Model) -> list[Model]:
     """The model with friction that differs from record to record, where that explains far more."""
-    found, own = search.fits.estimate(model), replace(model, varies=True)
-    if found is None or not model.reversal or model.varies or search.has_motions:
+    found, own = search.fits.estimate(model), replace(model, differs=True)
+    if found is None or not model.reversal or model.differs or search.has_motions:
         return []
     return [own] * (step_towards(search, own, found)[1] < _DIFFERS * found.misfit)
 
@@ -249,7 +249,7 @@ def narrowed(search: Search, best: Model) -> Model:
     found = search.fits.estimate(best)
     if found is None or search.has_motions:
         return best
-    others = [replace(best, varies=False)] * best.varies
+    others = [replace(best, differs=False)] * best.differs
     if best.reversal in NARROWER:
         others.append(replace(best, reversal=NARROWER[best.reversal]))
     for sharper in others:

@@ -220,7 +220,7 @@ def _fit_from(
     if best is not None and best[0].reversal is not None:
         model, found = best
         with contextlib.suppress(JointIdError):
-            own = replace(model, varies=True)
+            own = replace(model, differs=True)
             if stepped(phasors, prior, found, noise, own)[1] < _DIFFERS * found.misfit:
                 best = own, fit_model(phasors, prior, found.named, noise, own)
     if best is not None:
