@@ -186,6 +186,7 @@ def test_an_error_names_options_and_not_parameters(study: Path) -> None:
         ["convert", "x.csv"],
         ["convert", "x.csv", "--mapping", "m.json", "--guess", "m.json"],
         ["simulate", "x.zip", "--count", "0"],
+        ["simulate", "x.zip", "--encoder-counts", "-5"],
         *([command, ""] for command in ("identify", "cut", "report", "plan", "simulate")),
         ["export", "", "-o", "r.json"],
         ["convert", "", "--guess", "m.json"],
@@ -197,6 +198,7 @@ def test_an_error_names_options_and_not_parameters(study: Path) -> None:
                 ["--method", "magic"],
                 ["--workers", "0"],
                 ["--memory", "0"],
+                ["--timeout", "-1"],
                 ["--workers", "1", "--scheduler", "tcp://x:1"],
             )
         ),

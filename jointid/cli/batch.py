@@ -75,6 +75,8 @@ def batch(
     require_ending("--output", out, ".parquet", ".pq")
     if not 0 < memory < 1e6:
         raise typer.BadParameter(f"--memory {memory:g}: expected a size in GiB, such as 4.")
+    if not 0 < timeout < 1e7:
+        raise typer.BadParameter(f"--timeout {timeout:g}: expected a time in seconds, such as 120.")
     limits = Limits(time_s=timeout, memory_bytes=int(memory * 2**30))
     count = [0, 0]
     try:

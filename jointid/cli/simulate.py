@@ -66,7 +66,7 @@ def simulate(
         ),
     ] = None,
     encoder_counts: Annotated[
-        int, typer.Option(help="Encoder counts per motor turn; 0: no rounding.")
+        int, typer.Option(min=0, help="Encoder counts per motor turn; 0: no rounding.")
     ] = 65536,
     torque_noise: Annotated[
         str, options.numbers_option("Standard deviation of the torque noise, N·m.")
