@@ -487,6 +487,8 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
     ),
     # .ci/check_installed.py opens every page of one server.
     "browser::a_fresh_server_runs_every_page_first": ("[RPTESGF]*", "Compare"),
+    # test_fleet_page.py opens rows without a browser.
+    "browser::the_study_that_stands_out_in_a_fleet_opens_from_its_row": ("*",),
     # cli::motions_of_simulated_gears_have_their_laws; every export of them: test_export.py.
     "cli::simulated_gears_have_their_laws": ("*",),
     "elasticity::standard_errors_are_the_scatter_of_the_estimates": (
@@ -542,6 +544,8 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
         "Manutec-up to 30 %",
         "random-up to 5*",
     ),
+    # Refresh, kill and a closed tab: import_browser::by_keyboard_from_a_zipped_log_to_the_report.
+    "store_browser::a_study_survives_refresh_links_kill_and_a_closed_tab": ("*",),
 }
 """Variants that only a nightly run tries: CI tries others of the same test, or what a comment names."""
 
