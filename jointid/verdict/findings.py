@@ -34,7 +34,7 @@ from jointid.verdict.rules_model import (
     one_frequency,
     resonance_missed,
 )
-from jointid.verdict.rules_outlier import foreign_torques, motors_take_power, one_record_off
+from jointid.verdict.rules_outlier import foreign_torques, one_record_off
 from jointid.verdict.rules_records import (
     coarse_encoder,
     constant_torque,
@@ -46,7 +46,7 @@ from jointid.verdict.rules_records import (
     still_settling,
     wrong_frequency,
 )
-from jointid.verdict.rules_response import foreign_peak, rejected
+from jointid.verdict.rules_response import foreign_peak, motors_take_power, rejected
 from jointid.verdict.rules_skew import joints_apart
 from jointid.verdict.scorer import Scorer
 from jointid.verdict.wrong_data import wrong_data

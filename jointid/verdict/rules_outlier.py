@@ -14,12 +14,12 @@ from jointid.arrays import Complexes, Floats
 from jointid.errors import JointIdError
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.joint_equations import spring_equations
+from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.parameters import PERIODIC_EFFECTS
 from jointid.estimation.identify_elasticity import identify_each
 from jointid.estimation.model_fits import record_costs
 from jointid.joints import Inertia
 from jointid.phasors.long_records import LongRecord
-from jointid.phasors.passivity import taken_power
 from jointid.phasors.steady_state import joint_share
 from jointid.verdict.causes import CAUSES, GOOD, Cause
 from jointid.verdict.evidence import Change, Evidence, Finding, number, problem, some, times_noise
@@ -63,8 +63,6 @@ torque belongs to another motion; share of the rotor's own torque above which th
 such records from which they are reported."""
 _MOVES = 0.2
 """Amplitude over the joint's largest at the same frequency from which a record moves it."""
-_SURE = 5.0
-"""Standard errors from which an absorbed power is significant."""
 _FOREIGN = (
     "The torques do not belong to the motions",
     "Check that positions and torques of each record come from the same run and clock, and check the "
@@ -89,8 +87,8 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     if sound or count - 1 < max(_FEWEST, n + 1):
         return None
     scorer = Scorer.of(phasors, evidence.inertias)
-    for row in _suspects(evidence, scorer):
-        if (known := _fit_without(evidence, row)) is None:
+    for row, alone in _suspects(evidence, scorer):
+        if (known := _fit_without(evidence, row, alone=alone)) is None:
             continue
         beside = Scorer.of(phasors, known[1])
         if found := _record_off(evidence, beside) or _off_beside_others(evidence, row, *known, beside):
@@ -98,8 +96,11 @@ def one_record_off(evidence: Evidence) -> tuple[int, Finding] | None:
     return _record_off(evidence, scorer)
 
 
-def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
-    """Rows that may be wrong: the smallest misfit without it, or the largest residual of the fit."""
+def _suspects(evidence: Evidence, scorer: Scorer) -> list[tuple[int, bool]]:
+    """Rows that may be wrong: the smallest misfit without it, or the largest residual of the fit.
+
+    And whether that residual is far above those of all others.
+    """
     fit, count = evidence.fit, evidence.phasors.omega.size
     if fit.prior is None or not fit.prior.inertia_std:
         return []
@@ -110,18 +111,25 @@ def _suspects(evidence: Evidence, scorer: Scorer) -> list[int]:
     shows = left < _HIDDEN * scorer.scores(as_logged).misfit[0]
     shows |= squares > _LARGE * np.median(squares)
     rows = dict.fromkeys((int(np.argmin(left)), int(np.argmax(squares))))
-    return [row for row in rows if shows[row] or not fit.candidates]
+    second, largest = np.sort(squares)[-2:].tolist()
+    alone = (squares == largest) & (largest > _LARGE * second)
+    return [(row, bool(alone[row])) for row in rows if shows[row] or not fit.candidates]
 
 
-def _fit_without(evidence: Evidence, row: int) -> tuple[ElasticityFit, list[Inertia]] | None:
+def _fit_without(
+    evidence: Evidence, row: int, *, alone: bool
+) -> tuple[ElasticityFit, list[Inertia]] | None:
     """Fit without one record, and inertias of all; None if the others do not fit either.
 
-    The residual of inaccurate inertias and of friction hides that of a wrong record.
+    The residual of inaccurate inertias and of friction hides that of a wrong record. Where one stands
+    ``alone``, and simple models come near the others, all models are tried.
     """
     others = np.delete(np.arange(evidence.phasors.omega.size), row)
     phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
     try:
         fit = identify_each(phasors, prior, ["auto"], gives_up=lambda: True)["auto"]
+        if alone and GOOD <= fit.misfit < LOST:
+            fit = identify_each(phasors, prior, ["auto"], gives_up_late=lambda: True)["auto"]
     except JointIdError:
         return None
     fitted = dict(zip(others.tolist(), fit.inertias, strict=True))
@@ -310,32 +318,21 @@ def foreign_torques(evidence: Evidence) -> Iterator[Finding]:
     found[0, list(off_frequency(evidence))] = False
     lacking = phasors.omega[found[0]]
     if found[0].mean() > _MANY and (poor or lacking.max() > _RESONANCE * lacking.min()):
-        yield _foreign(evidence, found[0], "the torque lacks the frequency of the motion")
+        yield foreign(evidence, found[0], "the torque lacks the frequency of the motion")
     elif found[2].mean() > _MANY:
         why = (
             "the torque reaches zero but keeps its sign, with a component at twice the frequency of "
             "the motion"
         )
-        yield _foreign(evidence, found[2], why, UNSIGNED)
+        yield foreign(evidence, found[2], why, UNSIGNED)
     elif found[1].any():
-        yield _foreign(evidence, found[1], AT_LIMIT, CUT_OFF)
+        yield foreign(evidence, found[1], AT_LIMIT, CUT_OFF)
 
 
-def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
-    """Records in which the motors would absorb power from the robot."""
-    phasors = evidence.phasors
-    taken = taken_power(phasors.omega, phasors.z, phasors.covariance) > _SURE
-    if taken.any():
-        yield _foreign(
-            evidence,
-            taken,
-            "the motors would absorb power, which elastic joints, inertias and friction cannot supply",
-        )
-
-
-def _foreign(
+def foreign(
     evidence: Evidence, concerned: np.ndarray, why: str, words: tuple[str, str] = _FOREIGN
 ) -> Finding:
+    """The finding on records whose torques belong to other motions, with the reason."""
     rows = np.flatnonzero(concerned).tolist()
     labels = [evidence.phasors.labels[i] for i in rows]
     few = 2 * len(rows) < concerned.size

@@ -1,4 +1,4 @@
-"""Rules of the verdict on frequency responses: origin of peaks, and frequencies without H."""
+"""Rules of the verdict on frequency responses: origin of peaks, frequencies without H, and passivity."""
 
 from collections.abc import Iterator
 
@@ -6,13 +6,18 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.joints import resonances
+from jointid.phasors.passivity import taken_power
 from jointid.transfer_matrix import TransferMatrix, single_record_response
 from jointid.verdict.evidence import Evidence, Finding, note, number, some
+from jointid.verdict.rules_outlier import foreign
 from jointid.verdict.rules_records import off_frequency
 from jointid.wording import counted
 
 _STANDS_OUT = np.log(1.4)
 """Logarithmic prominence of a peak: 40 % above the minima on both sides."""
+
+_SURE = 5.0
+"""Standard errors from which an absorbed power is significant."""
 
 _FEWEST = 8
 """Frequencies; with fewer, a peak is a single point."""
@@ -108,3 +113,15 @@ def _peaks(response: Floats) -> list[int]:
         if x[p] - max(x[left:p].min(), x[p + 1 : right].min()) >= _STANDS_OUT:
             found.append(int(p))
     return found
+
+
+def motors_take_power(evidence: Evidence) -> Iterator[Finding]:
+    """Records in which the motors would absorb power from the robot."""
+    phasors = evidence.phasors
+    taken = taken_power(phasors.omega, phasors.z, phasors.covariance) > _SURE
+    if taken.any():
+        yield foreign(
+            evidence,
+            taken,
+            "the motors would absorb power, which elastic joints, inertias and friction cannot supply",
+        )
