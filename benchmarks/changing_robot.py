@@ -42,6 +42,11 @@ def _falling(name: str, by: float) -> Change:
     return lambda robot, share, _: {name: getattr(robot, name) * (1 + by * (0.5 - share))}
 
 
+def _is_eighth(share: float) -> bool:
+    """Whether it is that of the eighth of 36 records."""
+    return abs(share - 7 / 35) < 1e-3
+
+
 CHANGES: dict[str, Change] = {
     "none": lambda *_: {},
     "friction falls by 30 %": _friction(lambda share: 1 - 0.3 * share),
@@ -56,6 +61,12 @@ CHANGES: dict[str, Change] = {
     "D falls by 30 %": _falling("D", 0.3),
     "M2 of the second half 5 % high": lambda robot, share, _: (
         {"M2": robot.M2 * (1.05 if share > 0.5 else 1.0)}
+    ),
+    "M2 of one record 20 % high": lambda robot, share, _: (
+        {"M2": robot.M2 * 1.2} if _is_eighth(share) else {}
+    ),
+    "arm touches a spring in one record": lambda robot, share, _: (
+        {"gravity": 0.1 * robot.K} if _is_eighth(share) else {}
     ),
     "torque late by 0 to 1 ms": lambda robot, _, rng: (
         {"lag_s": [1.25e-4 * int(rng.integers(0, 9))] * robot.n}

@@ -332,6 +332,13 @@ def test_k_and_d_hold_where_friction_changes_from_record_to_record(change: str) 
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("change", ["M2 of one record 20 % high", "arm touches a spring in one record"])
+def test_one_record_of_another_arm_is_named_beside_friction(change: str) -> None:
+    """The finding was that the model does not explain the data."""
+    assert changing_robot.changed(change, 0).alarms[0] == '"record 8" contradicts all other records'
+
+
+@pytest.mark.long
 def test_k_and_d_hold_where_friction_of_motions_changes() -> None:
     """K1 was 3 % off, with a warning."""
     robot = replace(motion.CELL, coulomb=np.array([0.25, 0.05]), viscous=np.array([2e-3, 4e-4]))
