@@ -31,6 +31,8 @@ NARROWER = {0.1: 0.03, 0.03: 0.0}
 """The next narrower reversal of each one."""
 _DIFFERS = 0.5
 """Ratio of misfits from which friction that differs from record to record is fitted."""
+_BESIDE = 0.5
+"""Score of a law over the cost beyond noise from which it is fitted beside such friction."""
 _SIMILAR = 0.3
 """Score over the highest from which a part is fitted: similar parts differ by the cost only."""
 NEARLY_ALL = 0.9
@@ -191,6 +193,9 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     if search.first and search.has_motions and model.reversal is not None and not may_be_richer:
         # Filters and lags would absorb the residual of sticking.
         clear = [part for part in clear if scored[part].gain > _LARGE * found.cost]
+    if model.differs:  # what such friction leaves looks like laws, whose fits are slow beside it
+        least = _BESIDE * (found.cost - found.expected_cost)
+        clear = [part for part in clear if part not in LAWS or scored[part].gain > least]
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
