@@ -681,17 +681,18 @@ def test_damping_may_be_negative_by_four_errors_of_what_a_fit_leaves() -> None:
 
 
 def test_suspects_are_the_record_that_spoils_the_fit_and_that_of_most_residual() -> None:
+    """With whether its residual is six times any other: the squares are 18 and 16, or 16 and 2."""
     phasors = logged([2.0, 1.0], row=3)
     scorer, residual = Scorer.of(phasors, [SERIAL] * 14), np.ones((14, 2))
     residual[8], residual[5] = [3.0, 3.0], [4.0, 0.0]
     fit = SimpleNamespace(prior=SimpleNamespace(inertia_std=0.05), residual=residual)
     fit.residual_noise = np.ones((14, 2))
     evidence: Any = SimpleNamespace(phasors=phasors, fit=fit)
-    assert rules_outlier._suspects(evidence, scorer) == [3, 8]
+    assert rules_outlier._suspects(evidence, scorer) == [(3, False), (8, False)]
     fit.residual_noise[8], fit.residual_noise[3, 0] = 10.0, 0.0
-    assert rules_outlier._suspects(evidence, scorer) == [3]
+    assert rules_outlier._suspects(evidence, scorer) == [(3, True)]  # infinite
     fit.residual[3] = 0.0  # over no noise
-    assert rules_outlier._suspects(evidence, scorer) == [3, 5]
+    assert rules_outlier._suspects(evidence, scorer) == [(3, False), (5, True)]
     fit.prior.inertia_std = 0.0
     assert rules_outlier._suspects(evidence, scorer) == []
 

@@ -995,7 +995,7 @@ def test_records_with_negative_power_can_be_left_out_while_most_remain(
     monkeypatch: pytest.MonkeyPatch, wrong: int, left_out: bool
 ) -> None:
     power = np.r_[np.full(wrong, 5.01), np.full(6 - wrong, 4.99)]
-    monkeypatch.setattr(rules_outlier, "taken_power", lambda *_: power)
+    monkeypatch.setattr(rules_response, "taken_power", lambda *_: power)
     phasors = case(omega=0, z=0, covariance=0, labels="abcdef")
     found = list(rules_response.motors_take_power(case(phasors=phasors, fit=two_joints())))
     assert levels(found) == ["problem"] * (wrong > 0)
