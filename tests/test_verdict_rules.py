@@ -1677,16 +1677,23 @@ def test_friction_that_changes_between_records_is_noted_with_its_size(
 ) -> None:
     off = [False]
     monkeypatch.setattr(rules_effects, "contradicts", lambda fit: off[0])
-    both = "10 % in joint 1 and 30 % in joint 2."
-    for change, sizes in (([0.02, 0.0], "10 % in joint 1."), ([0.02, 0.03], both)):
-        friction = case(coulomb=np.array([0.2, 0.1]), change=np.array(change))
-        (found,) = rules_effects.friction_changes(case(fit=two_joints(friction=friction)))
-        assert found.level == "note"
-        assert sizes in found.detail
-    for none in (None, case(coulomb=np.ones(2), change=0.0)):
-        assert not list(rules_effects.friction_changes(case(fit=two_joints(friction=none))))
+
+    def found(change: Any, *, differs: bool = True, moves: bool = False) -> list[Any]:
+        friction = change if change is None else case(change=np.array(change))
+        candidates = [case(chosen=False, model=case(differs=True))]
+        candidates.append(case(chosen=True, model=case(differs=differs)))
+        phasors = case(motion=np.array([moves]))
+        fit = two_joints(friction=friction, candidates=candidates, phasors=phasors)
+        return list(rules_effects.friction_changes(case(fit=fit)))
+
+    assert "its standard deviation is 0.02 N·m (joint 1). The" in found([0.02, 0.0])[0].detail
+    (both,) = found([0.02, 0.03])
+    assert both.level == "note"
+    assert "0.02 N·m (joint 1) and 0.03 N·m (joint 2). The fit gives every record" in both.detail
+    assert found(0.0, moves=True)[0].detail.startswith("The fit gives every segment of a motion")
+    assert found(None) == found([0.02, 0.03], differs=False) == []
     off[0] = True
-    assert not list(rules_effects.friction_changes(case(fit=two_joints(friction=friction))))
+    assert found([0.02, 0.03]) == []
 
 
 def against(monkeypatch: pytest.MonkeyPatch, off: float, **parts: Any) -> list[Any]:
@@ -1989,7 +1996,13 @@ def of_motion(
     names = ("not_physical", "counted_twice", "axes_exchanged", "inertias_contradict", "effects_found")
     for name in (*names, "torque_lags", "model_limits", "hardly_tested", "hardly_known", "of_records"):
         monkeypatch.setattr(motion_findings, name, rule(name))
-    for name in ("wrong_data", "joints_apart", "beyond_logged_noise", "_joints_at_rest"):
+    for name in (
+        "wrong_data",
+        "joints_apart",
+        "beyond_logged_noise",
+        "friction_changes",
+        "_joints_at_rest",
+    ):
         monkeypatch.setattr(motion_findings, name, rule(name))
     monkeypatch.setattr(findings, "fitted_parts", lambda _: [])
     monkeypatch.setattr(motion_findings, "_responses", lambda *_: ((), ()))

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS, PERIODIC_EFFECTS
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import amplitude_dependence, second_amplitude
-from jointid.verdict.evidence import Evidence, Finding, note, number, relative, warning
+from jointid.verdict.evidence import Evidence, Finding, note, number, warning
 from jointid.verdict.rules_causes import (
     CANNOT_TELL,
     alternatives,
@@ -78,18 +79,20 @@ _CLEAR = 3.0
 
 
 def friction_changes(evidence: Evidence) -> Iterator[Finding]:
-    """Coulomb friction that differs from record to record."""
-    friction = evidence.fit.friction
-    if friction is None or not np.any(friction.change) or contradicts(evidence.fit):
+    """Friction that differs from record to record; none if the model contradicts the data."""
+    fit = evidence.fit
+    chosen = any(each.chosen and each.model.differs for each in fit.candidates)
+    if not chosen or fit.friction is None or contradicts(fit):
         return
-    share = relative(np.asarray(friction.change), friction.coulomb)
-    sizes = [f"{percent(x)} in joint {j + 1}" for j, x in enumerate(share.tolist()) if x > 0]
+    changes: Floats = fit.friction.change * np.ones(fit.n)
+    sizes = [f"{number(x, 2)} N·m (joint {j})" for j, x in enumerate(changes.tolist(), 1) if x > 0]
+    between = f"Between records, its standard deviation is {enumerated(sizes)}. " if sizes else ""
+    each = "segment of a motion" if fit.phasors.motion.any() else "record"
     yield note(
-        "The friction of the motors changes from record to record",
-        f"Coulomb friction has a standard deviation of {enumerated(sizes)}. The fit gives every record "
-        "friction of its own.",
-        "No action needed. Records of a warm robot, in random order of frequency, agree better.",
-        float(np.nanmax(share)),
+        "The friction of the motors changes",
+        f"{between}The fit gives every {each} Coulomb and viscous friction of its own.",
+        "No action needed. The friction of a warm robot changes less.",
+        0.01,
     )
 
 
