@@ -306,7 +306,7 @@ def test_links_of_an_arm_with_another_number_of_joints(page: AppTest) -> None:
     for key in ("length", "mass", "centre", "link", "rotor", "pose"):
         at.text_input(key=f"import {key}").set_value("1, 1")
     at = shown(at.run())
-    assert "has 2 joints, but step 2 has 1" in at.error[0].value
+    assert "have 2 joints, but step 2 has 1" in at.error[0].value
 
 
 def test_a_robot_model_gives_the_inertia_of_the_pose(page: AppTest, taken: list[Inertia]) -> None:
