@@ -535,6 +535,8 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
     "verdict::a_fault_in_every_record_names_no_single_record": ("six-1.1",),
     "verdict::exchanged_or_reversed_axes_are_found_beside_friction": ("given0-Joint*-0.05",),
     "verdict::velocities_in_place_of_positions_are_named": ("rpm-*",),
+    "whole_error::one_record_of_another_arm_is_named_beside_friction": ("arm touches*",),
+    "whole_error::k_and_d_hold_where_friction_changes_from_record_to_record": ("*scatters*",),
     "whole_error::play_and_hysteresis_are_found_together": ("0.1-2",),
     "whole_error::several_deviations_are_found_together": ("hysteresis, *", "gravity, hardening*"),
     # Each robot and each kind of inertias once.

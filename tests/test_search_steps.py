@@ -589,6 +589,10 @@ def test_friction_may_differ_from_record_to_record_where_that_explains_half(
     search, _ = growing({model: 6.0})
     search.fit(model, "start")
     assert model_growth.friction_of_records(search, model) == found
+    far, _ = growing({model: 1e4})  # a step would leave it far from the data
+    far.fit(model, "start")
+    monkeypatch.setattr(model_growth, "step_towards", lambda *_: (None, 101.0))
+    assert not model_growth.friction_of_records(far, model)
     moving, _ = growing({model: 6.0}, has_motions=True)
     moving.fit(model, "start")
     assert not model_growth.friction_of_records(moving, model)

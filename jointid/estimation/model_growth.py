@@ -174,11 +174,14 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
 
 
 def friction_of_records(search: Search, model: Model) -> list[Model]:
-    """The model with friction that differs from record to record, where that explains far more."""
+    """The model with friction that differs from record to record, where that explains far more.
+
+    Far from the data it would only absorb a part of what is missing.
+    """
     found, own = search.fits.estimate(model), replace(model, differs=True)
     if found is None or not model.reversal or model.differs or search.has_motions:
         return []
-    return [own] * (step_towards(search, own, found)[1] < _DIFFERS * found.misfit)
+    return [own] * (step_towards(search, own, found)[1] < min(_DIFFERS * found.misfit, LOST))
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:
