@@ -25,8 +25,8 @@ from jointid.robot_models.model import RobotModel
 from jointid.transfer_matrix import (
     TransferMatrix,
     estimate_transfer_matrix,
+    motion_transfer_matrix,
     record_spectra,
-    response_of_spectra,
 )
 from jointid.verdict.motion_findings import wrong_motions
 from jointid.wording import counted, plain, significant
@@ -311,7 +311,7 @@ def motion_matrices(
     matrices = {}
     for pose, spectra in by_pose.items():
         try:
-            matrices[pose] = response_of_spectra(spectra, **without)
+            matrices[pose] = motion_transfer_matrix(spectra, **without)
         except JointIdError as error:  # K and D do not need H
             problem = str(error)
     return matrices, problem

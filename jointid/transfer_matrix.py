@@ -81,26 +81,8 @@ def estimate_transfer_matrix(phasors: Phasors) -> TransferMatrix:
     return _matrix(groups, problem)
 
 
-def motion_transfer_matrix(
-    records: Sequence[MotionRecord],
-    *,
-    coulomb: Floats | float = 0.0,
-    viscous: Floats | float = 0.0,
-    delay: float = 0.0,
-) -> TransferMatrix:
-    """Estimate H from any motion of one pose by local polynomials, without a model of the robot.
-
-    Within a narrow band H is a polynomial of the frequency, and so is the contribution of the states at
-    both ends of each record (Pintelon and Schoukens, System Identification, 2nd ed. 2012, section 7.2).
-    The scatter about both gives the covariance. ``coulomb`` and ``viscous``, shape (n,), are friction to
-    subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
-    the records, s. Raises JointIdError when a clock is too uneven, or no frequency can be solved for.
-    """
-    return response_of_spectra(record_spectra(records), coulomb=coulomb, viscous=viscous, delay=delay)
-
-
 def record_spectra(records: Sequence[MotionRecord]) -> list[RecordSpectrum]:
-    """Spectra of all records of one pose, for :func:`response_of_spectra`.
+    """Spectra of all records of one pose, for :func:`motion_transfer_matrix`.
 
     Raises JointIdError when a clock is too uneven or a record has no coherent band.
     """
@@ -113,14 +95,21 @@ def record_spectra(records: Sequence[MotionRecord]) -> list[RecordSpectrum]:
     return found
 
 
-def response_of_spectra(
+def motion_transfer_matrix(
     spectra: Sequence[RecordSpectrum],
     *,
     coulomb: Floats | float = 0.0,
     viscous: Floats | float = 0.0,
     delay: float = 0.0,
 ) -> TransferMatrix:
-    """:func:`motion_transfer_matrix` from spectra that are known."""
+    """Estimate H from any motion of one pose by local polynomials, without a model of the robot.
+
+    Within a narrow band H is a polynomial of the frequency, and so is the contribution of the states at
+    both ends of each record (Pintelon and Schoukens, System Identification, 2nd ed. 2012, section 7.2).
+    The scatter about both gives the covariance. ``coulomb`` and ``viscous``, shape (n,), are friction to
+    subtract from the torque, N·m and N·m·s/rad; ``delay`` is that of the torque in addition to that of
+    the records, s. Raises JointIdError when no frequency can be solved for.
+    """
     parts = [each.part for each in spectra]
     half = max(_LINES / max(part.duration_s for part in parts), _NARROW)
     low, high = min(each.band_hz[0] for each in spectra), max(each.band_hz[1] for each in spectra)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,6 +74,11 @@ def record(
     )
 
 
+def estimated(records: Sequence[MotionRecord], **without: Any) -> TransferMatrix:
+    """H of motion records, without friction and a delay."""
+    return motion_transfer_matrix(record_spectra(records), **without)
+
+
 def error_of(found: TransferMatrix, n: int) -> Floats:
     """Error relative to the largest element at each frequency."""
     true = motor_response(found.omega, *ROBOTS[n])
@@ -81,7 +88,7 @@ def error_of(found: TransferMatrix, n: int) -> Floats:
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_a_multisine_gives_the_response_at_every_band(n: int) -> None:
-    found = motion_transfer_matrix([record(n, seed) for seed in range(n + 1)])
+    found = estimated([record(n, seed) for seed in range(n + 1)])
     f = found.omega / (2 * np.pi)
     # Bands of 8 lines of the longest record to both sides, at least 0.6 Hz, side by side.
     np.testing.assert_allclose(np.diff(f), 1.2, rtol=1e-9)
@@ -104,7 +111,7 @@ def test_short_records_have_wider_bands() -> None:
         torque_hold=False,
         band_hz=BAND_HZ,
     )
-    found = motion_transfer_matrix([part])  # 4 s: 8 lines are 2 Hz
+    found = estimated([part])  # 4 s: 8 lines are 2 Hz
     np.testing.assert_allclose(np.diff(found.omega) / (2 * np.pi), 4.0, rtol=1e-9)
 
 
@@ -115,7 +122,7 @@ def test_a_part_between_two_gaps_may_have_no_line_in_the_band() -> None:
         whole, time_s=whole.time_s[kept], theta_rad=whole.theta_rad[kept], tau_Nm=whole.tau_Nm[kept]
     )
     torn = replace(torn, band_hz=(11.0, 14.0))
-    assert np.median(error_of(motion_transfer_matrix([torn]), 1)) < 1e-3
+    assert np.median(error_of(estimated([torn]), 1)) < 1e-3
 
 
 @pytest.mark.parametrize("noise", [1e-4, 1e-6])
@@ -130,7 +137,7 @@ def test_error_is_the_covariance(n: int, noise: float) -> None:
             replace(r, theta_rad=r.theta_rad + noise * rng.standard_normal(r.theta_rad.shape))
             for r in records
         ]
-        found = motion_transfer_matrix(noisy)
+        found = estimated(noisy)
         true = motor_response(found.omega, *ROBOTS[n])
         own = np.einsum("faa->fa", found.covariance).real.reshape(found.H.shape)
         squares.append(np.mean(np.abs(found.H - true) ** 2 / own))
@@ -138,17 +145,17 @@ def test_error_is_the_covariance(n: int, noise: float) -> None:
 
 
 def test_delay_and_friction_are_subtracted() -> None:
-    plain = error_of(motion_transfer_matrix([record(1, 1)]), 1).max()
-    held = motion_transfer_matrix([record(1, 1, held=True)])
+    plain = error_of(estimated([record(1, 1)]), 1).max()
+    held = estimated([record(1, 1, held=True)])
     assert error_of(held, 1).max() < 2 * plain + 1e-6
     late = record(1, 1, delay_s=0.003)
-    assert error_of(motion_transfer_matrix([late]), 1).max() > 0.1
-    assert error_of(motion_transfer_matrix([late], delay=0.003), 1).max() < 2 * plain + 1e-6
+    assert error_of(estimated([late]), 1).max() > 0.1
+    assert error_of(estimated([late], delay=0.003), 1).max() < 2 * plain + 1e-6
     stated = record(1, 1, delay_s=0.003, stated_delay_s=0.002)
-    assert error_of(motion_transfer_matrix([stated], delay=0.001), 1).max() < 2 * plain + 1e-6
+    assert error_of(estimated([stated], delay=0.001), 1).max() < 2 * plain + 1e-6
     rubbing = record(1, 1, viscous=0.02, coulomb_Nm=2.0)
-    kept = np.median(error_of(motion_transfer_matrix([rubbing]), 1))
-    freed = motion_transfer_matrix([rubbing], viscous=0.02, coulomb=2.0)
+    kept = np.median(error_of(estimated([rubbing]), 1))
+    freed = estimated([rubbing], viscous=0.02, coulomb=2.0)
     assert np.median(error_of(freed, 1)) < kept / 5
 
 
@@ -163,21 +170,21 @@ def test_delay_and_friction_are_subtracted() -> None:
 )
 def test_motions_without_an_answer_are_refused(records: list[MotionRecord], reason: str) -> None:
     with pytest.raises(JointIdError, match=reason):
-        motion_transfer_matrix(records)
+        estimated(records)
 
 
 def test_bands_of_noise_are_rejected() -> None:
     silent = record(1, 1)
     angle = np.random.default_rng(3).standard_normal((N, 1))
     with pytest.raises(JointIdError, match="noise"):
-        motion_transfer_matrix([MotionRecord(silent.time_s, angle, silent.tau_Nm, band_hz=BAND_HZ)])
+        estimated([MotionRecord(silent.time_s, angle, silent.tau_Nm, band_hz=BAND_HZ)])
 
 
 def test_a_response_is_shown_where_its_error_is_below_half_of_it() -> None:
     """With noise of the angles that hides the motion in the upper part of the band."""
     seen = record(1, 1)
     noise = 0.005 * np.abs(seen.theta_rad).max() * np.random.default_rng(3).standard_normal((N, 1))
-    found = motion_transfer_matrix([replace(seen, theta_rad=seen.theta_rad + noise)])
+    found = estimated([replace(seen, theta_rad=seen.theta_rad + noise)])
     share = (found.standard_deviation / np.abs(found.H)).ravel()
     assert found.omega.size > 20
     assert 0.4 < share.max() < 0.55
@@ -194,12 +201,12 @@ def with_torque_noise(noise_Nm: float) -> list[MotionRecord]:
 
 def test_noise_of_the_torque_counts_in_the_error() -> None:
     """Least squares make H too small by the share of noise in the power of the torques."""
-    found = motion_transfer_matrix(with_torque_noise(40.0))
+    found = estimated(with_torque_noise(40.0))
     true = motor_response(found.omega, *ROBOTS[1])
     assert found.omega.size > 40
     assert np.mean(np.abs((found.H - true) / found.standard_deviation) ** 2) < 2
     with pytest.raises(JointIdError, match="noise may reduce H by more than 20 %"):
-        motion_transfer_matrix(with_torque_noise(150.0))
+        estimated(with_torque_noise(150.0))
 
 
 @pytest.mark.parametrize(("counts", "kind"), [(4096, "sweep"), (8192, "sweep")])
@@ -214,7 +221,7 @@ def test_the_answer_of_a_controller_to_a_coarse_encoder_is_not_the_response(
         measurement=Measurement(encoder_counts=counts, torque_noise_Nm=9e-4),
         seed=9,
     )
-    found = motion_transfer_matrix([replace(each, band_hz=(2.0, 30.0)) for each in records])
+    found = estimated([replace(each, band_hz=(2.0, 30.0)) for each in records])
     assert found.omega.size > 8
     off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
     assert off.max() < 3.5
@@ -226,7 +233,7 @@ def test_a_joint_whose_encoder_stands_still_has_no_response() -> None:
     angles = [np.column_stack([each.theta_rad[:, 0], np.full(N, 0.5)]) for each in records]
     braked = [replace(each, theta_rad=q) for each, q in zip(records, angles, strict=True)]
     with pytest.raises(JointIdError, match="does not move"):
-        motion_transfer_matrix(braked)
+        estimated(braked)
 
 
 @pytest.mark.parametrize(("rate_Hz", "counts", "least"), [(500.0, None, 0.5), (2000.0, 2**14, 0.7)])
@@ -240,7 +247,7 @@ def test_errors_are_those_of_a_held_torque_and_of_a_fine_encoder(
         controller=Controller(sample_rate_hz=rate_Hz),
         measurement=Measurement(encoder_counts=counts),
     )
-    found = motion_transfer_matrix([replace(each, band_hz=(2.0, 40.0)) for each in records])
+    found = estimated([replace(each, band_hz=(2.0, 40.0)) for each in records])
     off = np.abs(found.H - motor_response(found.omega, *ROBOTS[1])) / found.standard_deviation
     assert off.max() < 4
     assert np.sqrt(np.mean(off**2)) > least
@@ -260,7 +267,7 @@ def test_units_of_angle_and_torque_only_scale_the_response_and_its_error(
     scaled = [
         replace(each, theta_rad=angle * each.theta_rad, tau_Nm=torque * each.tau_Nm) for each in records
     ]
-    found, other = motion_transfer_matrix(records), motion_transfer_matrix(scaled)
+    found, other = estimated(records), estimated(scaled)
     ratio = angle / torque
     assert found.omega.size > 10
     np.testing.assert_allclose(other.omega, found.omega, rtol=1e-12)
@@ -271,7 +278,7 @@ def test_units_of_angle_and_torque_only_scale_the_response_and_its_error(
 
 def test_motions_of_unlike_joints_are_refused() -> None:
     with pytest.raises(JointIdError, match="all of the same joints"):
-        motion_transfer_matrix([record(1, 1), record(2, 1)])
+        estimated([record(1, 1), record(2, 1)])
 
 
 def test_the_velocity_under_friction_knows_the_rounding_of_the_encoder(
@@ -287,7 +294,7 @@ def test_the_velocity_under_friction_knows_the_rounding_of_the_encoder(
     monkeypatch.setattr("jointid.motion.spectral_lines.smooth_velocity", velocity)
     plain = record(1, 1)
     coarse = replace(plain, theta_rad=step * np.rint(5 * plain.theta_rad / step))
-    motion_transfer_matrix([coarse], viscous=1e-9)
+    estimated([coarse], viscous=1e-9)
     np.testing.assert_allclose(asked, [[step**2 / 12]])
 
 

@@ -164,9 +164,7 @@ def _fit_wider(search: Search, wider: Model, narrow: Model) -> None:
 def _richer_friction(search: Search, model: Model) -> list[Model]:
     """The model with richer friction where that may explain more."""
     found = search.fits.estimate(model)
-    if found is None or model.reversal is None:
-        return []
-    if not search.may_be_richer(found):
+    if found is None or model.reversal is None or not search.may_be_richer(found):
         return []
     richer = _RICHER.get((model.reversal, model.curve), ())
     others = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
