@@ -329,7 +329,8 @@ def _phasors(
         source += [numbers[segment.record] for segment in rows.segments if segment is not None]
     joined = Phasors.joined(parts)
     order = np.argsort(source, kind="stable")
-    return joined.select(order), np.asarray(source)[order]
+    in_order = replace(joined.select(order), progress=np.linspace(-0.5, 0.5, order.size))
+    return in_order, np.asarray(source)[order]
 
 
 def _require_motion(phasors: Phasors) -> None:

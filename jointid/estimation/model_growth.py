@@ -13,7 +13,13 @@ from jointid.arrays import Floats
 from jointid.estimation.candidates import CHANCE, EXPLAINED, NEEDED, WORTH, Model
 from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
-from jointid.estimation.estimators.parameters import EFFECTS, FRICTION_EFFECTS, GEAR_LAWS, LAWS
+from jointid.estimation.estimators.parameters import (
+    CHANGES,
+    EFFECTS,
+    FRICTION_EFFECTS,
+    GEAR_LAWS,
+    LAWS,
+)
 from jointid.estimation.estimators.score_tests import Score
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_search import POOR, Search
@@ -166,6 +172,9 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None or model.reversal is None or not search.may_be_richer(found):
         return []
+    scored = search.scores(model)
+    if scored and max(scored, key=lambda part: scored[part].gain) in CHANGES:
+        return []  # friction of each record would absorb some of it
     richer = _RICHER.get((model.reversal, model.curve), ())
     others = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
     return [*friction_of_records(search, model), *others]

@@ -16,7 +16,7 @@ from jointid.estimation.estimators.linear_fit import without_inertias
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import FILTERS, FRICTION_EFFECTS, GEAR_LAWS, Parameters
-from jointid.estimation.estimators.score_tests import Score, scores
+from jointid.estimation.estimators.score_tests import Score, scores_with_changes
 from jointid.estimation.model_fits import completed, filters_before_friction, fit_model, model_waveforms
 from jointid.estimation.start_values import by_regression, other_laws, with_delay, with_one_bend
 from jointid.motion.friction import FrictionWaveforms
@@ -308,16 +308,16 @@ class Search:
     def scores(self, model: Model) -> dict[str, Score]:
         """Score of every optional part that the model lacks."""
         found = self.fits.estimate(model)
-        absent = [part for part in self.fits.optional if part not in model.parts]
         # Unmodelled Coulomb friction looks like them, and friction contains the viscous one.
         never = FRICTION_EFFECTS if model.reversal is None else ("viscous",)
-        absent = [part for part in absent if part not in never]
+        absent = [part for part in self.fits.optional if part not in (*model.parts, *never)]
         if found is None or not absent:
             return {}
         if model not in self._scores or self._scores[model][0] is not found:
             sliding = replace(model, reversal=0.0) if "friction" in absent else model
             waveforms = self.completed_waveforms(sliding, found.named, (*model.parts, *absent))
-            of_each = scores(self.phasors, self.prior, found, waveforms, self.noise, absent)
+            of_each = scores_with_changes(self.phasors, self.prior, found, waveforms, self.noise, absent)
+            self.fits.optional = (*self.fits.optional, *(part for part in of_each if part not in absent))
             self._scores[model] = found, of_each
         return self._scores[model][1]
 

@@ -17,6 +17,7 @@ from jointid.estimation.estimators.levenberg_marquardt import LOST
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
 from jointid.estimation.estimators.parameters import (
+    CHANGES,
     EFFECTS,
     GEAR_LAWS,
     PERIODIC_EFFECTS,
@@ -114,7 +115,11 @@ def choose_model(
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
     per_turn = first[0].per_turn if first else ()
     found = {each.effect for each in per_turn}
-    excluded = {"piecewise", *PERIODIC_EFFECTS} - found  # in place of a cubic law, and where found
+    excluded = {
+        "piecewise",
+        *CHANGES,
+        *PERIODIC_EFFECTS,
+    } - found  # in place of a cubic law, and where found
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
     if friction:

@@ -80,6 +80,8 @@ class Phasors:
     """Time for which each torque sample is held, shape (r,), s; 0 where it is not."""
     torque_delay_s: Floats = field(default_factory=lambda: np.zeros(0))
     """Delay of the torque that ``tau`` is corrected for, shape (r,), s."""
+    progress: Floats = field(default_factory=lambda: np.zeros(0))
+    """Place of each row among the records, from -0.5 for the first to 0.5 for the last, shape (r,)."""
 
     def __post_init__(self) -> None:
         rows, n = np.full(np.size(self.omega), None, dtype=object), self.q.shape[1]
@@ -94,6 +96,7 @@ class Phasors:
             "frequency_found_hz": np.asarray(self.omega) / (2 * np.pi),
             "hold_s": np.zeros(rows.size),
             "torque_delay_s": np.zeros(rows.size),
+            "progress": np.linspace(-0.5, 0.5, rows.size),
             "labels": ("",) * rows.size,
         }
         for name, values in usual.items():

@@ -25,7 +25,7 @@ from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.linear_fit import LINEAR, carried_covariance, prior_slopes
 from jointid.estimation.estimators.maximum_likelihood import Misfit
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS
+from jointid.estimation.estimators.parameters import CHANGES, EFFECTS
 from jointid.estimation.estimators.problem import Problem, fitted_layout
 from jointid.estimation.estimators.residual import Residual
 from jointid.estimation.estimators.whitened_residual import WhitenedResidual
@@ -249,10 +249,10 @@ def planning_model(
     prior = fit.prior.like([*each, planned_inertia or each[0]], (len(each) + 1, fit.n))
     known = measured.prior.gravity  # as fitted; distinct inertias are in order of appearance
     prior = replace(prior, gravity=np.concatenate([known, prior.gravity[len(known) :]]))
-    effects = [name for name in EFFECTS if name in measured.layout]
+    effects = [name for name in EFFECTS if name in measured.layout and name not in CHANGES]
     layout = fitted_layout(prior, measured.friction, fit.delay is not None, effects)
     p = replace(measured, prior=prior, layout=layout).start(fit.parameters)
-    for block in fit.parameters.layout.blocks:
+    for block in fit.parameters.without(*CHANGES).layout.blocks:
         values, first = fit.parameters[block.name].ravel(), layout[block.name].start
         p[first : first + values.size] = values
     scale = np.full(1, fit.inflation)

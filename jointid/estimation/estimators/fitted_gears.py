@@ -1,12 +1,13 @@
-"""Gears as fitted: the laws that are significant at each joint."""
+"""Gears as fitted: their linear dynamic stiffness, and the laws that are significant at each joint."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from jointid.arrays import Floats
-from jointid.estimation.estimators.parameters import EFFECTS, Parameters
+from jointid.arrays import Complexes, Floats
+from jointid.estimation.estimators.parameters import CHANGES, EFFECTS, Parameters
+from jointid.estimation.estimators.problem import Problem
 from jointid.gears.gear import Gear
 from jointid.gears.torsion_curve import TorsionCurve
 
@@ -24,6 +25,34 @@ _GEAR_FIELDS = {
     "loss_factor": ("loss_factor", "loss_factor"),
 }
 """Field of ``Gear`` for each parameter, and the parameter that shows whether the law is present."""
+
+
+def gear_slopes(problem: Problem, p: Parameters) -> dict[str, Complexes]:
+    """Derivatives of the gears' linear dynamic stiffness by its parameters, each shape (r, H, n)."""
+    s, layout = problem.s[..., None], problem.layout
+    K = np.ones((*problem.s.shape, problem.n), complex)
+    slopes = {"K": K, "D": s * K}
+    if "loss_factor" in layout:
+        slopes["K"] = K + p["loss_factor"] * _loss_stiffness(problem)
+        slopes["loss_factor"] = p.K * _loss_stiffness(problem) * K
+    share = problem.progress[:, None, None]
+    for name, of, unit in zip(CHANGES, "KD", (K, s * K), strict=True):
+        if name in layout:
+            slopes[of] = slopes[of] + p[name] * share * unit
+            slopes[name] = p[of] * share * unit
+    return slopes
+
+
+def _loss_stiffness(problem: Problem) -> Complexes:
+    """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
+
+    A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or
+    it would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the
+    stiffness at the geometric mean frequency of the records.
+    """
+    s = problem.s
+    reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
+    return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]
 
 
 def fitted_gears(p: Parameters, covariance: Floats, curves: Sequence[TorsionCurve]) -> tuple[Gear, ...]:

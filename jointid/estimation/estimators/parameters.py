@@ -35,9 +35,7 @@ class Effect:
 
 EFFECTS = {
     "viscous": Effect(
-        "viscous motor friction",
-        {"viscous": ("viscous friction", "N·m·s/rad")},
-        positive=True,
+        "viscous motor friction", {"viscous": ("viscous friction", "N·m·s/rad")}, positive=True
     ),
     "arm_viscous": Effect(
         "arm-side viscous friction",
@@ -45,11 +43,11 @@ EFFECTS = {
         positive=True,
     ),
     "arm_coulomb": Effect(
-        "arm-side Coulomb friction",
-        {"arm_coulomb": ("arm-side Coulomb friction", "N·m")},
-        positive=True,
+        "arm-side Coulomb friction", {"arm_coulomb": ("arm-side Coulomb friction", "N·m")}, positive=True
     ),
     "loss_factor": Effect("structural damping", {"loss_factor": ("loss factor", "")}, positive=True),
+    "stiffness_change": Effect("changing stiffness", {"stiffness_change": ("stiffness change", "")}),
+    "damping_change": Effect("changing damping", {"damping_change": ("damping change", "")}),
     "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
@@ -103,15 +101,18 @@ EFFECTS = {
 """By key. With s = iω, ``viscous`` v, without Coulomb friction, adds sv to a motor's dynamic stiffness,
 which friction contains; ``arm_viscous`` v and ``gravity`` G add sv + G to the arm's dynamic stiffness,
 and ``link`` c adds −s⁴c (the first term of a mode above the band, c = J_link/ω_link²); ``loss_factor``
-η adds iηK, and the stiffness that comes with it, to the gear's. ``lag`` d multiplies a joint's torque
-by e^{-sd}, ``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and
-``position_filter`` T its position by 1 + sT. ``load`` is a share of the torque through the gear that
-is friction of its motor. ``ripple`` is a torque of the motor and ``transmission`` a deflection of the
-gear, both periodic in the motor's position (``PerTurn``). The others are laws in time
-(``joint_laws``)."""
+η adds iηK, and the stiffness that comes with it, to the gear's; K and D change by ``stiffness_change``
+and ``damping_change`` over the records. ``lag`` d multiplies a joint's torque by e^{-sd},
+``torque_filter`` T by 1/(1 + sT), or by 1 − sT where T is negative, and ``position_filter`` T its
+position by 1 + sT. ``load`` is a share of the torque through the gear that is friction of its motor.
+``ripple`` is a torque of the motor and ``transmission`` a deflection of the gear, both periodic in the
+motor's position (``PerTurn``). The others are laws in time (``joint_laws``)."""
 
 ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
+
+CHANGES = ("stiffness_change", "damping_change")
+"""Steady changes of K and D over the records."""
 
 FILTERS = ("position_filter", "torque_filter")
 """Effects that differ from a delay by the square of their time constants only."""

@@ -64,6 +64,7 @@ class Problem:
     group: np.ndarray  # (r, H), the misfit of each group of rows is its own
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     held: HeldTorque
+    progress: Floats  # (r,), place of each row among the records, from -0.5 to 0.5
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods
@@ -262,6 +263,7 @@ def make_problem(
         motion=motion,
         repeated=repeated if repeated.any() else None,
         held=HeldTorque.of(s, phasors.hold_s, phasors.torque_delay_s),
+        progress=phasors.progress,
         prior=prior,
         friction=friction,
         layout=layout,
@@ -335,15 +337,3 @@ def ideal_compliance(prior: InertiaPrior, M2: Floats, gravity: Floats, s: Comple
     if not gravity.any():
         return np.asarray(inverse(M2)[prior.pose, None] / squared)
     return inverse(np.asarray(squared * M2[prior.pose, None] + gravity[prior.pose, None]))
-
-
-def loss_stiffness(problem: Problem) -> Complexes:
-    """Dynamic stiffness over K of a loss factor of 1, shape (r, H, 1).
-
-    A loss that does not depend on frequency comes with a stiffness that rises with its logarithm, or
-    it would act before its cause (Kjartansson, Journal of Geophysical Research 84, 1979). K is the
-    stiffness at the geometric mean frequency of the records.
-    """
-    s = problem.s
-    reference = np.exp(np.log(np.abs(s[problem.known & problem.main[problem.group]])).mean())
-    return np.asarray(1j + 2 / np.pi * np.log(np.abs(s) / reference))[..., None]

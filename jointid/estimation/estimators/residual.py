@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointid.arrays import Complexes, Floats
+from jointid.estimation.estimators.fitted_gears import gear_slopes
 from jointid.estimation.estimators.joint_equations import balance, gear_torque
 from jointid.estimation.estimators.parameters import ARM_EFFECTS, Parameters
 from jointid.estimation.estimators.problem import (
@@ -23,7 +24,6 @@ from jointid.estimation.estimators.problem import (
     arm_compliance,
     free_deflection,
     friction_advance,
-    loss_stiffness,
     motor_friction,
     motor_stiffness,
     rigid_arm_compliance,
@@ -79,7 +79,8 @@ class Residual:
         """Evaluate the residual at a parameter vector, shape (P,)."""
         n, p = problem.n, problem.layout.named(vector)
         s = problem.s[..., None]
-        gear = p.K * (1 + p.effect("loss_factor") * loss_stiffness(problem)) + s * p.D
+        slopes = gear_slopes(problem, p)
+        gear = np.asarray(p.K * slopes["K"] + p.D * slopes["D"])
         arm = arm_compliance(problem, p)
         compliance = arm.copy()
         for j in range(n):
@@ -184,10 +185,7 @@ class Residual:
         f = gear_torque(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        stiffness = {"K": 1 + p.effect("loss_factor") * loss_stiffness(problem), "D": s}
-        if "loss_factor" in layout:
-            stiffness["loss_factor"] = p.K * loss_stiffness(problem)
-        stiffness = {name: value * np.ones(n) for name, value in stiffness.items()}
+        stiffness = gear_slopes(problem, p)
         for name, value in stiffness.items():
             J[..., layout[name]] = by_gear * value[..., None, :]
         turns, share = self.turns, np.asarray(self.X @ self.arm)

@@ -5,13 +5,20 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from jointid.arrays import Complexes, Floats
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.levenberg_marquardt import quadratic
 from jointid.estimation.estimators.maximum_likelihood import LikelihoodEstimate
 from jointid.estimation.estimators.noise import Noise
-from jointid.estimation.estimators.parameters import EFFECTS, FILTERS, PERIODIC_EFFECTS, Parameters
+from jointid.estimation.estimators.parameters import (
+    CHANGES,
+    EFFECTS,
+    FILTERS,
+    PERIODIC_EFFECTS,
+    Parameters,
+)
 from jointid.estimation.estimators.problem import fitted_layout, make_problem
 from jointid.estimation.estimators.whitened_residual import (
     DRIVEN_LAWS,
@@ -26,9 +33,11 @@ from jointid.phasors.periods import samples_of
 
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
+_CLEARLY, _CHANCE = 0.5, 1e-3
+"""Share of the misfit beyond noise that a change of the gears must explain to count, as robots that
+change are rare, and probability that it does on one that does not."""
 _RIDGE = 1e-12
 """Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
-
 _RANK = 1e-6
 """Relative singular value below which motions do not separate cosine and sine."""
 
@@ -135,6 +144,24 @@ def scores(
             unit=units.get(name, np.ones(own.size)),
         )
     return found
+
+
+def scores_with_changes(
+    phasors: Phasors,
+    prior: InertiaPrior,
+    estimate: LikelihoodEstimate,
+    friction: FrictionWaveforms | None,
+    noise: Noise,
+    parts: Sequence[str],
+) -> dict[str, Score]:
+    """Scores of the parts, and of absent changes of the gears that explain more than any of them."""
+    sought = [name for name in CHANGES if name not in parts and name not in estimate.layout]
+    found = scores(phasors, prior, estimate, friction, noise, [*parts, *sought])
+    by_chance = 0.5 * chdtri(prior.n, _CHANCE) * max(1.0, estimate.misfit)
+    beyond_noise = estimate.cost - estimate.expected_cost
+    others = (found[name].gain for name in parts if name in found)
+    least = max(by_chance, _CLEARLY * beyond_noise, *others)
+    return {name: each for name, each in found.items() if name in parts or each.gain > least}
 
 
 def scores_per_turn(
