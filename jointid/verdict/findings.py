@@ -22,7 +22,12 @@ from jointid.verdict.rules_causes import (
     poses_disagree,
     torque_lags,
 )
-from jointid.verdict.rules_effects import depends_on_amplitude, effects_found, friction_changes
+from jointid.verdict.rules_effects import (
+    depends_on_amplitude,
+    effects_found,
+    friction_changes,
+    gears_change,
+)
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_look_wrong
 from jointid.verdict.rules_model import (
     MODEL_LIMITS,
@@ -82,6 +87,7 @@ _OF_THE_ANSWER: tuple[_Rule, ...] = (
     torque_lags,
     effects_found,
     friction_changes,
+    gears_change,
     link_in_series,
     foreign_peak,
     rejected,

@@ -16,7 +16,7 @@ from jointid.uncertainty.comparison import compare
 from jointid.verdict.evidence import Evidence, Finding, good, problem, some, warning
 from jointid.verdict.findings import may_be_wrong, of_records, ranked
 from jointid.verdict.rules_causes import beyond_logged_noise, torque_lags
-from jointid.verdict.rules_effects import effects_found, friction_changes
+from jointid.verdict.rules_effects import effects_found, friction_changes, gears_change
 from jointid.verdict.rules_inertia import axes_exchanged, inertias_contradict, judged
 from jointid.verdict.rules_model import hardly_known, hardly_tested, model_limits, not_physical
 from jointid.verdict.rules_records import (
@@ -104,7 +104,8 @@ def motion_findings(
     causes += [] if causes else joints_apart(evidence)
     own = None if causes or np.any(fit.K <= 0) else judged(evidence)
     causes += [] if own is None else inertias_contradict(evidence, own)
-    found += [*causes, *effects_found(evidence), *friction_changes(evidence), *torque_lags(evidence)]
+    found += [*causes, *effects_found(evidence), *friction_changes(evidence)]
+    found += [*gears_change(evidence), *torque_lags(evidence)]
     if not causes:
         found += beyond_logged_noise(evidence)
         resting = list(_joints_at_rest(fit, rests))

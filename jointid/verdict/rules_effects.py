@@ -8,7 +8,12 @@ import numpy as np
 
 from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
-from jointid.estimation.estimators.parameters import GEAR_LAWS, PARAMETERS, PERIODIC_EFFECTS
+from jointid.estimation.estimators.parameters import (
+    CHANGES,
+    GEAR_LAWS,
+    PARAMETERS,
+    PERIODIC_EFFECTS,
+)
 from jointid.estimation.quantities import Quantity, quantities
 from jointid.uncertainty.validation import amplitude_dependence, second_amplitude
 from jointid.verdict.evidence import Evidence, Finding, note, number, warning
@@ -19,7 +24,15 @@ from jointid.verdict.rules_causes import (
     has_unmodelled_friction,
 )
 from jointid.verdict.rules_model import contradicts
-from jointid.wording import UNDETERMINED, capitalised, counted, enumerated, percent, significant
+from jointid.wording import (
+    UNDETERMINED,
+    capitalised,
+    counted,
+    enumerated,
+    percent,
+    significant,
+    with_error,
+)
 
 _REMEDIES = {
     "arm_viscous": ("The arm has viscous friction", ""),
@@ -94,6 +107,28 @@ def friction_changes(evidence: Evidence) -> Iterator[Finding]:
         "No action needed. The friction of a warm robot changes less.",
         0.01,
     )
+
+
+def gears_change(evidence: Evidence) -> Iterator[Finding]:
+    """K or D that changes steadily over the records; none if the model contradicts the data."""
+    fit = evidence.fit
+    if contradicts(fit):
+        return
+    in_order = bool(np.all(np.diff(fit.phasors.omega) >= 0)) and not evidence.has_motions
+    for name, of, symbol in zip(CHANGES, ("stiffness", "damping"), "KD", strict=True):
+        found = quantities(fit).get(name, ())
+        sizes = [f"{with_error(100 * q.value, 100 * q.error)} % (joint {q.joints[0]})" for q in found]
+        alike = f" The records are in order of frequency: {of} that depends on frequency looks the same."
+        if found:
+            yield warning(
+                f"The {of} of the gears changes over the records",
+                f"From the first record to the last it changes by {enumerated(sizes)}. {symbol} is its "
+                f"value halfway.{alike * in_order}",
+                "Warm the robot up before the experiment"
+                + ", and measure the frequencies in random order" * in_order
+                + ".",
+                max(abs(q.value) for q in found),
+            )
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:

@@ -46,8 +46,10 @@ EFFECTS = {
         "arm-side Coulomb friction", {"arm_coulomb": ("arm-side Coulomb friction", "N·m")}, positive=True
     ),
     "loss_factor": Effect("structural damping", {"loss_factor": ("loss factor", "")}, positive=True),
-    "stiffness_change": Effect("changing stiffness", {"stiffness_change": ("stiffness change", "")}),
-    "damping_change": Effect("changing damping", {"damping_change": ("damping change", "")}),
+    "stiffness_change": Effect(
+        "changing stiffness", {"stiffness_change": ("relative stiffness change", "")}
+    ),
+    "damping_change": Effect("changing damping", {"damping_change": ("relative damping change", "")}),
     "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
