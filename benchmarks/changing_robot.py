@@ -42,6 +42,13 @@ def _falling(name: str, by: float) -> Change:
     return lambda robot, share, _: {name: getattr(robot, name) * (1 + by * (0.5 - share))}
 
 
+def _warming_up(robot: Robot, share: float, _: np.random.Generator) -> dict[str, Any]:
+    """Friction that falls by 30 %, D by 20 % and K by 1 %, most of it at first; the means stay."""
+    done = float(np.exp(-3 * share) - np.exp(-3 * np.arange(36) / 35).mean()) / (1 - np.exp(-3))
+    by = {"coulomb": 0.3, "viscous": 0.3, "D": 0.2, "K": 0.01}
+    return {name: getattr(robot, name) * (1 + fall * done) for name, fall in by.items()}
+
+
 def _is_eighth(share: float) -> bool:
     """Whether it is that of the eighth of 36 records."""
     return abs(share - 7 / 35) < 1e-3
@@ -59,6 +66,7 @@ CHANGES: dict[str, Change] = {
     "K falls by 0.5 %": _falling("K", 0.005),
     "K falls by 2 %": _falling("K", 0.02),
     "D falls by 30 %": _falling("D", 0.3),
+    "warming up": _warming_up,
     "M2 of the second half 5 % high": lambda robot, share, _: (
         {"M2": robot.M2 * (1.05 if share > 0.5 else 1.0)}
     ),

@@ -2001,6 +2001,7 @@ def of_motion(
         "joints_apart",
         "beyond_logged_noise",
         "friction_changes",
+        "gears_change",
         "_joints_at_rest",
     ):
         monkeypatch.setattr(motion_findings, name, rule(name))

@@ -172,9 +172,6 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
     found = search.fits.estimate(model)
     if found is None or model.reversal is None or not search.may_be_richer(found):
         return []
-    scored = search.scores(model)
-    if scored and max(scored, key=lambda part: scored[part].gain) in CHANGES:
-        return []  # friction of each record would absorb some of it
     richer = _RICHER.get((model.reversal, model.curve), ())
     others = [replace(model, reversal=reversal, curve=curve) for reversal, curve in richer]
     return [*friction_of_records(search, model), *others]
@@ -183,12 +180,15 @@ def _richer_friction(search: Search, model: Model) -> list[Model]:
 def friction_of_records(search: Search, model: Model) -> list[Model]:
     """The model with friction that differs from record to record, where that explains far more.
 
-    Far from the data it would only absorb a part of what is missing.
+    Far from the data it would only absorb a part of what is missing, as it would of changing gears.
     """
     found, own = search.fits.estimate(model), replace(model, differs=True)
     if found is None or not model.reversal or model.differs or search.has_motions:
         return []
-    return [own] * (step_towards(search, own, found)[1] < min(_DIFFERS * found.misfit, LOST))
+    if step_towards(search, own, found)[1] > min(_DIFFERS * found.misfit, LOST):
+        return []
+    scored = search.scores(model)
+    return [own] * (not scored or max(scored, key=lambda part: scored[part].gain) not in CHANGES)
 
 
 def _extensions(search: Search, model: Model) -> list[Model]:

@@ -58,10 +58,7 @@ EFFECTS = {
     ),
     "motor_presliding": Effect(
         "presliding friction",
-        {
-            "motor_presliding": ("presliding friction", "N·m"),
-            "bristle": ("presliding angle", "rad"),
-        },
+        {"motor_presliding": ("presliding friction", "N·m"), "bristle": ("presliding angle", "rad")},
         positive=True,
     ),
     "ripple": Effect(
