@@ -24,12 +24,17 @@ HZ, H, n = np.array([3.0, 7.0, 12.0, 25.0] * 2), 3, 2
 POSES = [PARALLELOGRAM] * 4 + [SERIAL] * 4
 TRUE = {
     "K": [43.0, 7.5], "D": [0.10, 0.015], "viscous": [0.01, 0.02], "arm_viscous": [0.03, 0.01],
-    "loss_factor": [0.05, 0.1], "stiffness_change": [0.1, -0.05], "damping_change": [-0.3, 0.2],
+    "loss_factor": [0.05, 0.1], "stiffness_change": [0.1, -0.05], "stiffness_change_2": [0.02, 0.1],
+    "stiffness_change_3": [0.1, -0.05], "damping_change": [-0.3, 0.2], "damping_change_2": [0.1, 0.03],
+    "damping_change_3": [0.03, -0.02],
     "lag": [3e-4, 1e-3], "position_filter": [1e-3, 5e-4],
     "torque_filter": [4e-4, 2e-3], "link": [2e-8, 1e-8], "gravity": [3.0, -1.0],
     "torque_scale": [1.1, 0.8],
 }  # fmt: skip
-EFFECTS = tuple(name for name in TRUE if name not in ("K", "D", "torque_scale"))
+EFFECTS = tuple(name for name in TRUE if name in EVERY)
+PLACE = np.linspace(-1, 1, 8)
+SLOW = np.array([PLACE, 1.5 * PLACE**2 - 0.5, 2.5 * PLACE**3 - 1.5 * PLACE]) / 2
+SLOW -= SLOW.mean(axis=1, keepdims=True)
 
 
 def logged(p: Parameters) -> np.ndarray:
@@ -41,7 +46,14 @@ def logged(p: Parameters) -> np.ndarray:
     for r, h in np.ndindex(8, H):
         s = 2j * np.pi * HZ[r] * (h + 1)
         loss = p.effect("loss_factor") * (1j + 2 / np.pi * np.log(abs(s) / reference))
-        K, D = (1 + p.effect(f"{of}_change") * (r / 7 - 0.5) for of in ("stiffness", "damping"))
+        K, D = (
+            1
+            + sum(
+                slow * p.effect(f"{of}_change{k}")
+                for k, slow in zip(("", "_2", "_3"), SLOW[:, r], strict=True)
+            )
+            for of in ("stiffness", "damping")
+        )
         gear = np.diag(p.K * (K + loss) + s * p.D * D)
         own = s * p.effect("arm_viscous") + p.effect("gravity") - s**4 * p.effect("link")
         arm = s**2 * POSES[r].M2 + np.diag(own * np.ones(n))

@@ -36,7 +36,7 @@ from jointid.joints import Elasticity, Inertia, resonances
 from jointid.motion.friction import friction_waveforms
 from jointid.motion.sampling import UniformPart, parts_of_records
 from jointid.motion.spectra import motion_phasors
-from jointid.phasors.extract import Phasors, extract_phasors
+from jointid.phasors.extract import Phasors, extract_phasors, slow_changes
 from jointid.records import MotionRecord, SineRecord, require_equal_joints, require_torques
 from jointid.small_matrices import one_thread
 
@@ -329,7 +329,7 @@ def _phasors(
         source += [numbers[segment.record] for segment in rows.segments if segment is not None]
     joined = Phasors.joined(parts)
     order = np.argsort(source, kind="stable")
-    in_order = replace(joined.select(order), progress=np.linspace(-0.5, 0.5, order.size))
+    in_order = replace(joined.select(order), progress=slow_changes(order.size))
     return in_order, np.asarray(source)[order]
 
 

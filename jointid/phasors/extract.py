@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from jointid.arrays import Complexes, Floats, whole_number
 from jointid.errors import JointIdError
@@ -81,7 +82,8 @@ class Phasors:
     torque_delay_s: Floats = field(default_factory=lambda: np.zeros(0))
     """Delay of the torque that ``tau`` is corrected for, shape (r,), s."""
     progress: Floats = field(default_factory=lambda: np.zeros(0))
-    """Place of each row among the records, from -0.5 for the first to 0.5 for the last, shape (r,)."""
+    """Slow changes over the records: half the Legendre polynomials of degree 1 to 3 at the place of each
+    row, less their mean, shape (r, 3)."""
 
     def __post_init__(self) -> None:
         rows, n = np.full(np.size(self.omega), None, dtype=object), self.q.shape[1]
@@ -96,7 +98,7 @@ class Phasors:
             "frequency_found_hz": np.asarray(self.omega) / (2 * np.pi),
             "hold_s": np.zeros(rows.size),
             "torque_delay_s": np.zeros(rows.size),
-            "progress": np.linspace(-0.5, 0.5, rows.size),
+            "progress": slow_changes(rows.size),
             "labels": ("",) * rows.size,
         }
         for name, values in usual.items():
@@ -279,6 +281,12 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
         hold_s=hold_s,
         torque_delay_s=delay_s,
     )
+
+
+def slow_changes(count: int) -> Floats:
+    """``Phasors.progress`` of consecutive rows."""
+    found = 0.5 * legvander(np.linspace(-1, 1, count), 3)[:, 1:]
+    return np.asarray(found - found.sum(axis=0) / max(count, 1))
 
 
 def no_phasors(n: int) -> Phasors:

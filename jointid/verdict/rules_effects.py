@@ -110,25 +110,29 @@ def friction_changes(evidence: Evidence) -> Iterator[Finding]:
 
 
 def gears_change(evidence: Evidence) -> Iterator[Finding]:
-    """K or D that changes steadily over the records; none if the model contradicts the data."""
+    """K or D that changes slowly over the records; none if the model contradicts the data."""
     fit = evidence.fit
     if contradicts(fit):
         return
-    in_order = bool(np.all(np.diff(fit.phasors.omega) >= 0)) and not evidence.has_motions
+    p, C, order = fit.parameters, fit.parameter_covariance, np.arange(fit.parameters.vector.size)
+    by_frequency = bool(np.all(np.diff(fit.phasors.omega) >= 0)) and not evidence.has_motions
     for name, of, symbol in zip(CHANGES, ("stiffness", "damping"), "KD", strict=True):
-        found = quantities(fit).get(name, ())
-        sizes = [f"{with_error(100 * q.value, 100 * q.error)} % (joint {q.joints[0]})" for q in found]
-        alike = f" The records are in order of frequency: {of} that depends on frequency looks the same."
-        if found:
-            yield warning(
-                f"The {of} of the gears changes over the records",
-                f"From the first record to the last it changes by {enumerated(sizes)}. {symbol} is its "
-                f"value halfway.{alike * in_order}",
-                "Warm the robot up before the experiment"
-                + ", and measure the frequencies in random order" * in_order
-                + ".",
-                max(abs(q.value) for q in found),
-            )
+        if name not in p.layout:
+            continue
+        odd = order[p.layout[name]], order[p.layout[f"{name}_3"]]  # the quadratic part ends as it begins
+        change = p.vector[odd[0]] + p.vector[odd[1]]
+        error = np.sqrt(sum(C[a, b] for a in odd for b in odd))
+        each = zip((100 * change).tolist(), (100 * error).tolist(), strict=True)
+        sizes = [f"{with_error(*both)} % (joint {j})" for j, both in enumerate(each, 1)]
+        alike = f" The records are in order of frequency: {of} that depends on it looks the same."
+        yield warning(
+            f"The {of} of the gears changes over the records",
+            f"From the first record to the last it changes by {enumerated(sizes)}. {symbol} is its mean."
+            f"{alike * by_frequency}",
+            "Warm the robot up before the experiment"
+            f"{', and measure the frequencies in random order' * by_frequency}.",
+            float(np.abs(change).max()),
+        )
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:

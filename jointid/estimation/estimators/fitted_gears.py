@@ -35,11 +35,11 @@ def gear_slopes(problem: Problem, p: Parameters) -> dict[str, Complexes]:
     if "loss_factor" in layout:
         slopes["K"] = K + p["loss_factor"] * _loss_stiffness(problem)
         slopes["loss_factor"] = p.K * _loss_stiffness(problem) * K
-    share = problem.progress[:, None, None]
-    for name, of, unit in zip(CHANGES, "KD", (K, s * K), strict=True):
-        if name in layout:
-            slopes[of] = slopes[of] + p[name] * share * unit
-            slopes[name] = p[of] * share * unit
+    for change, of, unit in zip(CHANGES, "KD", (K, s * K), strict=True):
+        for name, share in zip(EFFECTS[change].parameters, problem.progress.T, strict=True):
+            if name in layout:
+                slope = share[:, None, None] * unit
+                slopes[of], slopes[name] = slopes[of] + p[name] * slope, p[of] * slope
     return slopes
 
 

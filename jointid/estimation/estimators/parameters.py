@@ -33,6 +33,11 @@ class Effect:
     """Whether the first parameter cannot be negative, such as a friction, damping or mass."""
 
 
+def _of_change(of: str) -> dict[str, tuple[str, str]]:
+    parts = zip(("", "_2", "_3"), ("", ", quadratic", ", cubic"), strict=True)
+    return {f"{of}_change{k}": (f"relative {of} change{part}", "") for k, part in parts}
+
+
 EFFECTS = {
     "viscous": Effect(
         "viscous motor friction", {"viscous": ("viscous friction", "N·m·s/rad")}, positive=True
@@ -46,10 +51,8 @@ EFFECTS = {
         "arm-side Coulomb friction", {"arm_coulomb": ("arm-side Coulomb friction", "N·m")}, positive=True
     ),
     "loss_factor": Effect("structural damping", {"loss_factor": ("loss factor", "")}, positive=True),
-    "stiffness_change": Effect(
-        "changing stiffness", {"stiffness_change": ("relative stiffness change", "")}
-    ),
-    "damping_change": Effect("changing damping", {"damping_change": ("relative damping change", "")}),
+    "stiffness_change": Effect("changing stiffness", _of_change("stiffness")),
+    "damping_change": Effect("changing damping", _of_change("damping")),
     "lag": Effect("a lag per joint", {"lag": ("lag", "s")}),
     "position_filter": Effect("a position filter", {"position_filter": ("position filter", "s")}),
     "torque_filter": Effect("a torque filter", {"torque_filter": ("torque filter", "s")}),
@@ -90,10 +93,7 @@ EFFECTS = {
     "backlash": Effect("backlash", {"backlash": ("backlash", "rad")}, positive=True),
     "hysteresis": Effect(
         "gear hysteresis",
-        {
-            "hysteresis": ("hysteresis", "N·m"),
-            "presliding": ("presliding deflection", "rad"),
-        },
+        {"hysteresis": ("hysteresis", "N·m"), "presliding": ("presliding deflection", "rad")},
         positive=True,
     ),
 }
@@ -204,14 +204,12 @@ class ParameterLayout:
             Coulomb and viscous friction, one number of each per joint.
         curve_parts : int
             Numbers per joint of a friction curve that varies with speed.
-        delay : bool
-            One delay of the torque.
         effects : sequence of str
             Keys of ``EFFECTS``.
         rotors, arms : int
             Distinct rotor inertias M and arm inertias M2 to fit.
-        torque_scale : bool
-            One torque scale per joint.
+        delay, torque_scale : bool
+            One delay of the torque; one torque scale per joint.
         """
         joints = range(1, n + 1)
         each = tuple((j,) for j in joints)
@@ -279,7 +277,8 @@ class ParameterLayout:
 
     def of_part(self, part: str) -> slice:
         """Place of the parameters that a part of a model is judged by, such as "friction"."""
-        return self._slices[part] if part != "friction" else self.span("coulomb", "curve")
+        ends = {"friction": ("coulomb", "curve")} | {name: (name, f"{name}_3") for name in CHANGES}
+        return self.span(*ends.get(part, (part, part)))
 
     def span(self, first: str, last: str) -> slice:
         """Place of the blocks from ``first`` to ``last``."""

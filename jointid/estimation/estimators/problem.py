@@ -64,7 +64,7 @@ class Problem:
     group: np.ndarray  # (r, H), the misfit of each group of rows is its own
     main: np.ndarray  # (G,), groups of the fundamentals of sines and of all bins of motions
     held: HeldTorque
-    progress: Floats  # (r,), place of each row among the records, from -0.5 to 0.5
+    progress: Floats  # (r, 3), slow changes over the records
     ends: EndTerms | None = None
     motion: Complexes | None = None  # (2, r, H, n), velocity and acceleration of motions
     repeated: Floats | None = None  # (r, n), part of the angles' variance that adds up over periods

@@ -36,6 +36,8 @@ _FILTER = 3e-3
 _CLEARLY, _CHANCE = 0.5, 1e-3
 """Share of the misfit beyond noise that a change of the gears must explain to count, as robots that
 change are rare, and probability that it does on one that does not."""
+_FEWEST = 8
+"""Rows from which such changes are sought."""
 _RIDGE = 1e-12
 """Added to the diagonal of the normalised normal matrix, so that rounding does not make it singular."""
 _RANK = 1e-6
@@ -155,9 +157,10 @@ def scores_with_changes(
     parts: Sequence[str],
 ) -> dict[str, Score]:
     """Scores of the parts, and of absent changes of the gears that explain more than any of them."""
-    sought = [name for name in CHANGES if name not in parts and name not in estimate.layout]
+    may_change = phasors.omega.size >= _FEWEST
+    sought = [n for n in CHANGES if may_change and n not in parts and n not in estimate.layout]
     found = scores(phasors, prior, estimate, friction, noise, [*parts, *sought])
-    by_chance = 0.5 * chdtri(prior.n, _CHANCE) * max(1.0, estimate.misfit)
+    by_chance = 0.5 * chdtri(3 * prior.n, _CHANCE) * max(1.0, estimate.misfit)
     beyond_noise = estimate.cost - estimate.expected_cost
     others = (found[name].gain for name in parts if name in found)
     least = max(by_chance, _CLEARLY * beyond_noise, *others)
