@@ -393,7 +393,7 @@ class TestSetPoints:
         assert min(k for k, part in tab.children.items() if part.type == "table") > min(
             k
             for k, part in tab.children.items()
-            if getattr(part, "success", None) and part.success[0].value == "All limits hold."
+            if getattr(part, "success", None) and part.success[0].value == "All limits are met."
         )
 
     def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:

@@ -90,7 +90,7 @@ def identify_arm_side(
     Raises
     ------
     JointIdError
-        When no record has a sensor, a record is too short, the robot does not fit, or ``torque_std`` is
+        When no record has a sensor, a record is too short, the robot does not match, or ``torque_std`` is
         negative or not finite.
 
     Notes

@@ -147,7 +147,7 @@ def second_amplitude(fit: ElasticityFit) -> str:
         return ""
     return (
         f"The records are explained almost as well by {' or '.join(rival_laws(fit))}. To decide, repeat "
-        f"{phasors.labels[record]} ({phasors.omega[record] / (2 * np.pi):.3g} Hz) at half the amplitude."
+        f'"{phasors.labels[record]}" ({phasors.omega[record] / (2 * np.pi):.3g} Hz) at half the amplitude.'
     )
 
 

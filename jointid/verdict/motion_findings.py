@@ -133,7 +133,7 @@ def wrong_motions(
 def damaged_torques(motions: Sequence[MotionRecord]) -> Iterator[Finding]:
     """Torques of moving joints that are clipped, or lack their sign in all motions."""
     moving = [(r, np.flatnonzero(share_at_rest(r) < _RESTS)) for r in motions]
-    torques = [(r.label, [r.tau_Nm[r.start :, j] for j in joints]) for r, joints in moving]
+    torques = [(f'"{r.label}"', [r.tau_Nm[r.start :, j] for j in joints]) for r, joints in moving]
     unsigned = [name for name, each in torques if each and all(has_one_sign(tau) for tau in each)]
     clipped = [name for name, each in torques if any(is_clipped(tau) for tau in each)]
     damages: list[tuple[list[str], tuple[str, str], str]] = [(clipped, CUT_OFF, AT_LIMIT)]
