@@ -44,8 +44,8 @@ known to a few per cent."""
 class Study:
     """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
-    Raises JointIdError when there is no record, joints or pose of a record do not match, or a value has a
-    wrong type.
+    Raises JointIdError when there is no record, joints or pose of a record do not match, or a value has
+    a wrong type.
     """
 
     records: tuple[SineRecord | MotionRecord, ...]

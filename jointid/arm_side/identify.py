@@ -90,8 +90,8 @@ def identify_arm_side(
     Raises
     ------
     JointIdError
-        When no record has a sensor, a record is too short, the robot does not match, or ``torque_std`` is
-        negative or not finite.
+        When no record has a sensor, a record is too short, the robot does not match, or ``torque_std``
+        is negative or not finite.
 
     Notes
     -----

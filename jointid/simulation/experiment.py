@@ -142,8 +142,8 @@ class MotorFriction:
     load: PerJoint = 0.0
     """μ, share of the torque through the gear."""
     step_s: float = 1.25e-4
-    """Longest step if F_c or μ is not 0, s. A reversal is located within its step, so that the error is of
-    second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
+    """Longest step if F_c or μ is not 0, s. A reversal is located within its step, so that the error is
+    of second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
     arm_viscous: PerJoint = 0.0
     """Viscous friction at the arm, motor side, N·m·s/rad."""
 

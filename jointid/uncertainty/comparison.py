@@ -16,7 +16,8 @@ CLEAR_SIGMAS = 3.0
 """Standard errors beyond which a difference is significant."""
 INDEPENDENT_ERRORS = (
     f"Significant: beyond {CLEAR_SIGMAS:g} σ; σ is the standard error of the difference if both errors "
-    "are independent. A common cause, such as a wrong torque constant of the same robot, changes both alike."
+    "are independent. A common cause, such as a wrong torque constant of the same robot, changes both "
+    "alike."
 )
 """Explains ``significance``."""
 

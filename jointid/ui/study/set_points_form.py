@@ -83,8 +83,8 @@ def show_set_points(
     st.write(
         "The plan above as a motion of the joints, for the controller. It is first simulated, with "
         "exact following and with a controller; a file is written only if the whole motion, with ramps "
-        "and load at rest, stays within the limits of the robot. Amplitudes are limited by the plan. Read "
-        "the header of the file before use."
+        "and load at rest, stays within the limits of the robot. Amplitudes are limited by the plan. "
+        "Read the header of the file before use."
     )
     sines = isinstance(plan, PlannedRecords)
     ratios = analysis.study.gear_ratios

@@ -77,7 +77,7 @@ def show_matrix(fit: ElasticityFit) -> None:
     st.latex(rf"\mathbf A\,[{unknowns}{dots}]^T = \mathbf b \quad (12)")
     st.write(
         f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With its columns "
-        f"multiplied by the identified D and K, its condition number is {significant(fit.condition, 3)}; "
+        f"multiplied by the fitted D and K, its condition number is {significant(fit.condition, 3)}; "
         "near 1, the records determine all of them with similar relative errors."
     )
     A, b = fit.equations.matrix()
