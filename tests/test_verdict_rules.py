@@ -119,7 +119,7 @@ def test_records_that_leave_nine_tenths_of_the_worst_error_hardly_help(
     monkeypatch.setattr(findings, "largest_part", lambda _: "Most of it is noise.")
     text = findings.limit_of_records([], two_joints(), np.array([0.2, 0.19, after]))
     assert text == (
-        "" if useful else "These records hardly reduce the worst error. Most of it is noise."
+        "" if useful else "These records hardly reduce the largest error. Most of it is noise."
     )
 
 

@@ -333,7 +333,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return (
             f"K is not identifiable from this motion: {fault}. "
             "The joint's torque varies too little, or only together with the transmission error. "
-            "Move through poses of different gravity, or faster; check the sensor for dropouts."
+            "Move through poses with other gravity torques, or faster; check the sensor for dropouts."
         )
     if not shown:
         return (

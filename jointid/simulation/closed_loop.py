@@ -215,7 +215,7 @@ def _require_memory(samples: int, channels: int) -> None:
     needed = 2 * 8.0 * samples * channels
     if needed > _LARGEST_LOG_BYTES:
         raise JointIdError(
-            f"The log would hold {samples} samples for each of {channels} joints of all records, "
+            f"The logs, with {samples} samples per record, would take "
             f"{needed / 1e9:.1f} GB; the limit is {_LARGEST_LOG_BYTES / 1e9:g} GB. "
             "Shorten the records, or simulate fewer at a time."
         )

@@ -179,7 +179,7 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         ("" if row.unit else "Check rated torques and torque constants. ")
         + "Give the robot model the coupling matrix of its gears. " * (couplings and not absurd)
         + "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
-        "of the torque constant scales all inertias alike.",
+        "in the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
         *([] if absurd or not row.unit else [Change("inertias", (), (LOOSE,) * exact, own_inertias)]),
