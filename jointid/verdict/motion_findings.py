@@ -45,7 +45,7 @@ _IN_MODEL = (
 )
 _CHECK_MODEL = (
     "Check the order, signs and zero positions of the joint angles, the order and unit of the torques, "
-    "the unit of the time, the payload and the gear ratios."
+    "the unit of time, the payload and the gear ratios."
 )
 _REVERSED = "The motor torques of {} have the wrong sign"
 _DRIVEN = (
