@@ -80,7 +80,7 @@ def test_a_frequency_is_wrong_from_a_difference_of_two_per_mille(
     assert levels(found) == level
     for finding in found:
         assert finding.weight == pytest.approx(weight, abs=0.003)
-        assert finding.detail.startswith("b states 8 Hz")
+        assert finding.detail.startswith('"b" states 8 Hz')
         assert "1 record is affected" in finding.detail
         assert finding.changes[0].records == (1,)
 
@@ -92,10 +92,10 @@ def test_periods_below_three_are_few(periods: float, told: bool) -> None:
     found = list(rules_records.few_periods(given))
     assert levels(found) == ["note"] * told
     assert all(finding.weight == pytest.approx(0.006) for finding in found)
-    assert all(finding.detail.startswith("a: 3 periods.") for finding in found)
+    assert all(finding.detail.startswith('"a": 3 periods.') for finding in found)
     phasors.duration_s = np.array([2.5, 2.2]) / 8
     (both,) = rules_records.few_periods(given)
-    assert both.detail.startswith("a and b: at least 2.2 periods.")
+    assert both.detail.startswith('"a" and "b": at least 2.2 periods.')
 
 
 def test_frequencies_without_a_transfer_matrix_are_counted_and_the_first_is_explained(
