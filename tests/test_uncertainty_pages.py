@@ -190,7 +190,7 @@ class TestTheNextExperiment:
         monkeypatch.setattr(own_plan_form, "second_amplitude_record", lambda fit: 4)
         at = opened(app, PLAN)
         label, tau = found.phasors.labels[4], np.abs(found.fit.phasors.tau[4])
-        assert any(f"The last row repeats {label} at half" in m.value for m in at.markdown)
+        assert any(f'The last row repeats "{label}" at half' in m.value for m in at.markdown)
         row = at.dataframe[-1].value.iloc[-1]
         assert row["Frequency (Hz)"] == pytest.approx(found.phasors.omega[4] / (2 * np.pi), rel=1e-8)
         torques = numbers_in("Torques", row["Torques (N·m)"])
