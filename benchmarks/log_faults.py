@@ -77,7 +77,10 @@ FAULTS: dict[str, Fault] = {
         q, np.sign(tau) * np.maximum(np.abs(tau) - 0.02 * size, 0)
     ),
     "torque 5 % low at its largest": lambda q, tau, size, _: (q, tau * (1 - 0.05 * (tau / size) ** 2)),
-    "64 encoder errors of 0.2 mrad per turn": lambda q, tau, *_: (q + 2e-4 * np.sin(64 * q), tau),
+    "encoder error of 0.2 mrad, 64 periods per turn": lambda q, tau, *_: (
+        q + 2e-4 * np.sin(64 * q),
+        tau,
+    ),
 }  # fmt: skip
 
 

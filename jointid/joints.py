@@ -38,7 +38,7 @@ class Inertia:
     """Exactly known part of M2, shape (n, n), kg·m², such as a payload of known mass and position. The
     uncertainty of M2 then applies to M2 − added. By default zero."""
     gravity: Floats
-    """Stiffness of gravity, the derivative of the static torque with respect to the joint angles,
+    """Gravity stiffness: the derivative of the static torque with respect to the joint angles,
     shape (n, n), N·m/rad; as uncertain as M2. By default zero: a horizontal arm."""
     shared: Floats
     """Change of M2 by one standard deviation of an unknown common to all poses, such as the mass of the
@@ -233,7 +233,7 @@ def locked_motor_response(omega: ArrayLike, inertia: Inertia, elasticity: Elasti
     Parameters
     ----------
     omega, inertia, elasticity
-        As in ``motor_response``, likewise the errors.
+        As in ``motor_response``, with the same errors.
 
     Returns
     -------
@@ -254,7 +254,7 @@ def resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        As in ``motor_response``, likewise the errors.
+        As in ``motor_response``, with the same errors.
 
     Returns
     -------
@@ -270,7 +270,7 @@ def locked_resonances(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        As in ``motor_response``, likewise the errors.
+        As in ``motor_response``, with the same errors.
 
     Returns
     -------
@@ -286,7 +286,7 @@ def diagonal_zeros(inertia: Inertia, elasticity: Elasticity) -> Floats:
     Parameters
     ----------
     inertia, elasticity
-        As in ``motor_response``, likewise the errors.
+        As in ``motor_response``, with the same errors.
 
     Returns
     -------

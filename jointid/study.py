@@ -44,8 +44,8 @@ known to a few per cent."""
 class Study:
     """Records of one robot, sines or any other motion, with its rigid-body inertias.
 
-    Raises JointIdError when there is no record, joints or pose of a record do not fit, or a value has a
-    wrong type.
+    Raises JointIdError when there is no record, joints or pose of a record do not match, or a value has
+    a wrong type.
     """
 
     records: tuple[SineRecord | MotionRecord, ...]
@@ -85,7 +85,7 @@ class Study:
     assumed: tuple[str, ...] = ()
     """Unconfirmed facts about the logs, such as "gear ratio 1 (joint 2)"."""
     changes: tuple[str, ...] = ()
-    """Changes of the logged data, oldest first, see ``jointid.corrections``."""
+    """Changes to the logged data, oldest first, see ``jointid.corrections``."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.inertia, Inertia):
@@ -209,7 +209,7 @@ class Study:
         for name in ("assumed", "changes"):
             value = getattr(self, name)
             if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
-                raise JointIdError(f"{name} = {value!r:.60}: expected a list of texts.")
+                raise JointIdError(f"{name} = {value!r:.60}: expected a list of strings.")
             set_fields(self, **{name: tuple(value)})
         if self.gear_ratio is not None:
             ratio = finite_array("gear_ratio (motor turns per joint turn)", self.gear_ratio, ndim=1)

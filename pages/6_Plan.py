@@ -22,7 +22,7 @@ if page.study.motion_records:  # the plan of sines needs the noise of sines
 introduce(
     "Records that reduce the error bars most. The search covers frequencies and relative phases of the "
     "joints, at the largest motion within the limits. It adds one record at a time, each the one that "
-    "reduces the worst error most. Any controller may be used; only the resulting motion matters."
+    "reduces the largest error most. Any controller may be used; only the resulting motion matters."
 )
 try:
     settings = plan_form.ask(analysis, page.digest)

@@ -34,7 +34,7 @@ from jointid import (
     simulate_records,
 )
 from jointid.fleet.row import Row, row_of
-from jointid.fleet.table import write_rows
+from jointid.fleet.table import to_parquet
 
 Record = TypeVar("Record", SineRecord, MotionRecord)
 HERE = Path(__file__).parent
@@ -132,8 +132,8 @@ def manutec_r3() -> Study:
     return Study(
         name="Manutec r3, axes 2 and 3, strongly coupled",
         origin="simulated",
-        description="Inertias with 15 kg load and stretched arm, K = 8 and 58 N·m/rad, D = 0.01 and "
-        "0.04 N·m·s/rad, as published with the Modelica Standard Library; light friction.",
+        description="Inertias with 15 kg load and stretched arm, K = 8 and 58 N·m/rad and D = 0.01 and "
+        "0.04 N·m·s/rad as published with the Modelica Standard Library; light friction.",
         records=_compact(records),
         inertia=inertia,
         nominal=Elasticity(K=[10.0, 50.0], D=[0.01, 0.04]),
@@ -281,4 +281,4 @@ if __name__ == "__main__":
     ]:
         save_study(study, HERE / name, overwrite=True)
         print(f"{name}: {len(study.records)} records")
-    write_rows(HERE / "fleet.parquet", fleet())
+    (HERE / "fleet.parquet").write_bytes(to_parquet(fleet()))

@@ -351,6 +351,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "report::cuts_are_drawn_to_scale": (),
     "report_page::the_report_is_made_on_demand_and_kept": ("1",),
     "samples::a_duplicated_record_makes_the_answer_usable_with_care_until_left_out": (),
+    "samples::the_script_makes_the_samples": ("exercise_1",),
     "samples::the_failed_study_names_its_cause_and_the_remedy_corrects_it": (),
     "samples::the_fleet_has_a_soft_joint_and_one_that_wears": (),
     "sensor_steps::motions_of_about_a_step_have_the_error_that_rounding_leaves": ("0.33-*",),

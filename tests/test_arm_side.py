@@ -251,7 +251,7 @@ DEAD = {
     "moves −1 times as far": lambda q, arm: -arm,
     "moves 57.3 times as far": lambda q, arm: np.rad2deg(arm),
     "moves 1.01 times as far": lambda q, arm: 1.01 * arm,
-    "no deflection beyond its rounding, and seems to be computed": lambda q, arm: q,
+    "no deflection beyond rounding, and seems to be computed": lambda q, arm: q,
     "seems to be computed": lambda q, arm: np.round(q / 1e-4) * 1e-4 + 0.01,  # 2¹⁶ steps a turn
     "computed from the motor's position": lambda q, arm: np.r_[q[0], q[:-1]],  # a sample later
 }

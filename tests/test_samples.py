@@ -1,11 +1,13 @@
 """The samples: the exercises and the fleet."""
 
+import runpy
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
-from jointid import analyse, load_study
+from jointid import analyse, load_study, save_study
 from jointid.analysis import NOT_USABLE, USABLE, WITH_CARE
 from jointid.corrections.changes import corrected
 from jointid.fleet.spread import fleet_spread, robot_drift
@@ -46,3 +48,13 @@ def test_the_fleet_has_a_soft_joint_and_one_that_wears() -> None:
     for robot in ("cell 1", "cell 3"):
         change, error = robot_drift(spread.rows, "K", 1, robot).per_year
         assert (abs(change) > 3 * error) == (robot == "cell 3")
+
+
+@pytest.mark.parametrize("name", ["exercise_1", "manutec_r3"])
+def test_the_script_makes_the_samples(tmp_path: Path, name: str) -> None:
+    """Its imports were out of date, and the description of a study differed."""
+    made = runpy.run_path(str(SAMPLES / "make_samples.py"))[name]()
+    save_study(made, tmp_path / name)
+    with ZipFile(SAMPLES / f"{name}.zip") as sample:
+        for member in sample.namelist():
+            assert (tmp_path / name / member).read_bytes() == sample.read(member)

@@ -389,7 +389,7 @@ def test_save_refuses_what_load_would_refuse(tmp_path: Path, monkeypatch) -> Non
     with pytest.raises(JointIdError, match="is not a folder"):
         save_study(a_study(), tmp_path / "no" / "a")
     study = a_study()
-    with pytest.raises(JointIdError, match="not a character"):
+    with pytest.raises(JointIdError, match="not a valid character"):
         save_study(Study(study.records, study.inertia, name="\ud800"), tmp_path / "a.zip")
     monkeypatch.setattr("jointid.files.study_saving.MAX_TOTAL_BYTES", 10_000)
     with pytest.raises(JointIdError, match="split it"):

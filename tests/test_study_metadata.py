@@ -87,7 +87,7 @@ def test_a_study_without_facts_is_written_as_before(paper: Study) -> None:
         ({"gear_ratio": (101.0, np.nan)}, "gear_ratio"),
         ({"gear_temperature_C": np.inf}, "gear_temperature_C"),
         ({"note": 3}, "expected text"),
-        ({"assumed": (3,)}, "expected a list of texts"),
+        ({"assumed": (3,)}, "expected a list of strings"),
     ],
 )
 def test_wrong_facts_are_refused(paper: Study, facts: dict[str, object], said: str) -> None:

@@ -176,7 +176,7 @@ class TestTheNextExperiment:
         at = opened(app, PLAN, joints)
         assert len(at.table[0].value) == 3
         assert len(at.get("plotly_chart")) == 1
-        said = re.fullmatch(r"3 additional records: worst error (\S+) % → (\S+) %", at.header[0].value)
+        said = re.fullmatch(r"3 additional records: largest error (\S+) % → (\S+) %", at.header[0].value)
         assert said is not None
         assert float(said[2]) < float(said[1])
         # A plan of one's own begins as the suggestion.
@@ -190,7 +190,7 @@ class TestTheNextExperiment:
         monkeypatch.setattr(own_plan_form, "second_amplitude_record", lambda fit: 4)
         at = opened(app, PLAN)
         label, tau = found.phasors.labels[4], np.abs(found.fit.phasors.tau[4])
-        assert any(f"The last row repeats {label} at half" in m.value for m in at.markdown)
+        assert any(f'The last row repeats "{label}" at half' in m.value for m in at.markdown)
         row = at.dataframe[-1].value.iloc[-1]
         assert row["Frequency (Hz)"] == pytest.approx(found.phasors.omega[4] / (2 * np.pi), rel=1e-8)
         torques = numbers_in("Torques", row["Torques (N·m)"])
@@ -241,7 +241,7 @@ class TestTheNextExperiment:
         at = shown(at.switch_page(PLAN).run())
         assert at.error[0].value.startswith("Not usable")
         assert [header.value for header in at.header] == ["3 additional records"]
-        assert "Worst error afterwards" not in at.table[0].value
+        assert "Largest error afterwards" not in at.table[0].value
         assert len(at.table) == 1  # no errors of a plan of one's own either
         assert len(at.get("plotly_chart")) == 0
         assert not at.info  # more records are no remedy
@@ -262,7 +262,7 @@ class TestTheNextExperiment:
         falling, flat = np.array([0.2, 0.05]), np.array([0.2, 0.19])
         assert found.limit_of_records(falling) == ""
         said = found.limit_of_records(flat)
-        assert said.startswith("These records hardly reduce the worst error. The largest error is ")
+        assert said.startswith("These records hardly reduce the largest error. The largest error is ")
         assert said.endswith((" motion.", " payload.", " matters less.", " between the models."))
         title = "The model, not the noise, limits the answer"
         limited = replace(found, findings=(replace(found.findings[0], code="model limits"),))
@@ -393,7 +393,7 @@ class TestSetPoints:
         assert min(k for k, part in tab.children.items() if part.type == "table") > min(
             k
             for k, part in tab.children.items()
-            if getattr(part, "success", None) and part.success[0].value == "All limits hold."
+            if getattr(part, "success", None) and part.success[0].value == "All limits are met."
         )
 
     def test_over_a_limit_there_is_a_table_but_no_file(self, app: AppTest) -> None:
@@ -420,7 +420,7 @@ class TestSetPoints:
         at = shown(next(b for b in at.button if b.label == "Predict").click().run())
         ways = ["sweeps (6 s)", "multisines (6 s)", "the sines above (12 s)"]
         after = ", ".join(rf"\S+ % with {re.escape(way)}" for way in ways)
-        assert any(re.fullmatch(rf"Worst error \S+ % → {after}", h.value) for h in at.header)
+        assert any(re.fullmatch(rf"Largest error \S+ % → {after}", h.value) for h in at.header)
         assert column(at, "Present records")[0] == "18 s"
         for label, text in LIMITS.items():
             [w for w in at.text_input if w.label == label][-1].set_value(text)

@@ -242,7 +242,7 @@ def test_the_proposed_start_removes_the_transient() -> None:
         records[k] = remade(records[k], time_s=time, theta_rad=theta + swing[:, None], label=f"{k}.csv")
     told = analysed(records, method="weighted")
     (finding,) = (f for f in told.findings if "settling" in f.title)
-    starts = dict(re.findall(r"(\d+\.csv), from ([\d.]+) s on", finding.detail))
+    starts = dict(re.findall(r'"(\d+\.csv)", from ([\d.]+) s on', finding.detail))
     assert starts.keys() == {"6.csv", "11.csv"}
     assert "Start the records at these times" in finding.remedy
     for k in (6, 11):
@@ -262,7 +262,7 @@ def test_no_start_is_proposed_where_a_motion_never_settles() -> None:
     records[6] = remade(records[6], theta_rad=growing, label="seven.csv")
     assert steady_from(records[6]) is None
     (finding,) = (f for f in analysed(records, method="weighted").findings if "settling" in f.title)
-    assert "seven.csv does not become steady" in finding.detail
+    assert '"seven.csv" does not become steady' in finding.detail
     assert finding.remedy.startswith("Measure again.")
 
 

@@ -80,7 +80,7 @@ def test_a_frequency_is_wrong_from_a_difference_of_two_per_mille(
     assert levels(found) == level
     for finding in found:
         assert finding.weight == pytest.approx(weight, abs=0.003)
-        assert finding.detail.startswith("b states 8 Hz")
+        assert finding.detail.startswith('"b" states 8 Hz')
         assert "1 record is affected" in finding.detail
         assert finding.changes[0].records == (1,)
 
@@ -92,10 +92,10 @@ def test_periods_below_three_are_few(periods: float, told: bool) -> None:
     found = list(rules_records.few_periods(given))
     assert levels(found) == ["note"] * told
     assert all(finding.weight == pytest.approx(0.006) for finding in found)
-    assert all(finding.detail.startswith("a: 3 periods.") for finding in found)
+    assert all(finding.detail.startswith('"a": 3 periods.') for finding in found)
     phasors.duration_s = np.array([2.5, 2.2]) / 8
     (both,) = rules_records.few_periods(given)
-    assert both.detail.startswith("a and b: at least 2.2 periods.")
+    assert both.detail.startswith('"a" and "b": at least 2.2 periods.')
 
 
 def test_frequencies_without_a_transfer_matrix_are_counted_and_the_first_is_explained(
@@ -119,7 +119,7 @@ def test_records_that_leave_nine_tenths_of_the_worst_error_hardly_help(
     monkeypatch.setattr(findings, "largest_part", lambda _: "Most of it is noise.")
     text = findings.limit_of_records([], two_joints(), np.array([0.2, 0.19, after]))
     assert text == (
-        "" if useful else "These records hardly reduce the worst error. Most of it is noise."
+        "" if useful else "These records hardly reduce the largest error. Most of it is noise."
     )
 
 
@@ -181,7 +181,7 @@ def test_a_constant_torque_of_a_moving_joint_is_named_once() -> None:
     given = case(records=[fine, still, moves], fit=two_joints(), phasors=case(labels="abc"))
     found = list(rules_records.constant_torque(given))
     assert [f.title for f in found] == ["The torque of joint 2 is constant in 2 of 3 records"]
-    assert found[0].detail.startswith("b and c: the joint moves while tau_m2_Nm stays at 1.5 N·m")
+    assert found[0].detail.startswith('"b" and "c": the joint moves while tau_m2_Nm stays at 1.5 N·m')
     assert found[0].changes[0].records == (1, 2)
     (alone,) = rules_records.constant_torque(
         case(records=[moves], fit=two_joints(), phasors=case(labels="c"))
@@ -1349,7 +1349,7 @@ def test_torques_without_a_sign_are_those_of_all_motions(
     motions: Any = [case(label=f"m{k}", start=0, tau_Nm=np.full((9, 2), k + 0.5)) for k in range(2)]
     found = list(motion_findings.damaged_torques(motions))
     assert [each.title for each in found] == ["A logged torque has no sign"] * told
-    assert all("In 2 of 2 motions, no torque changes its sign: m0 and m1" in f.detail for f in found)
+    assert all('In 2 of 2 motions, no torque changes its sign: "m0" and "m1"' in f.detail for f in found)
 
 
 def test_responses_are_the_motions_under_one_torque_at_a_time() -> None:
@@ -1403,19 +1403,19 @@ def test_settling_records_are_named_with_later_starts(monkeypatch: pytest.Monkey
     (found,) = rules_records.still_settling(given)
     assert (found.level, found.weight, found.action) == ("warning", 10.5, "edit runs")
     assert found.detail == (
-        "4 records are affected: c, e, d and b. In c the first quarter differs by 50 % from the "
-        "second half. Steady: c, from 1.25 s on; e, from 2.00 s on. d does not become steady."
+        '4 records are affected: "c", "e", "d" and "b". In "c" the first quarter differs by 50 % from '
+        'the second half. Steady: "c", from 1.25 s on; "e", from 2.00 s on. "d" does not become steady.'
     )
     assert "at these times" in found.remedy
     assert "Measure the others again." in found.remedy
     assert [(c.kind, c.records) for c in found.changes] == [("start", (2, 4, 3, 1))]
     moving[:] = [0, 0, 0, 0.02, 0]
     (found,) = rules_records.still_settling(given)
-    assert found.detail.startswith("In d the first quarter differs by 2.0 % from the second half.")
+    assert found.detail.startswith('In "d" the first quarter differs by 2.0 % from the second half.')
     assert (found.remedy, found.changes) == ("Measure again. Wait longer before recording.", ())
     moving[:] = [0, 0.02, 0.5, 0, 0]
     (found,) = rules_records.still_settling(given)
-    assert found.detail.startswith("2 records are affected: c and b. In c the first quarter")
+    assert found.detail.startswith('2 records are affected: "c" and "b". In "c" the first quarter')
     moving[:] = [0, 0.02, 0, 0, 0]
     (found,) = rules_records.still_settling(given)
     assert "Start the record at this time" in found.remedy
@@ -1564,8 +1564,8 @@ def test_a_peak_that_h_lacks_is_that_of_the_controller() -> None:
     (found,) = peaks_of_controllers(1.5)
     assert found.title == "The peak of joint 2 at 3 Hz comes from the controller of joint 1"
     assert found.detail == (
-        "In the single record r2, acceleration over torque is 1.5 times H22, which has no peak at this "
-        "frequency. The elastic resonance is the peak of H22 at 6 Hz."
+        'In the single record "r2", acceleration over torque is 1.5 times H22, which has no peak at '
+        "this frequency. The elastic resonance is the peak of H22 at 6 Hz."
     )
     assert (found.level, found.weight) == ("note", 0.3)
     for nothing in (

@@ -90,8 +90,8 @@ def identify_arm_side(
     Raises
     ------
     JointIdError
-        When no record has a sensor, a record is too short, the robot does not fit, or ``torque_std`` is
-        negative or not finite.
+        When no record has a sensor, a record is too short, the robot does not match, or ``torque_std``
+        is negative or not finite.
 
     Notes
     -----
@@ -333,7 +333,7 @@ def _reason(joint: JointDeflection | None, sensor: bool, shown: bool, coupled: b
         return (
             f"K is not identifiable from this motion: {fault}. "
             "The joint's torque varies too little, or only together with the transmission error. "
-            "Move through poses of different gravity, or faster; check the sensor for dropouts."
+            "Move through poses with other gravity torques, or faster; check the sensor for dropouts."
         )
     if not shown:
         return (

@@ -24,7 +24,7 @@ that it then explains: a transmission error of 100 seconds of arc has less than 
 _SLIDING_RAD_S = 5e-3
 """Velocity at which friction in the gear has built up."""
 COMPUTED = (
-    "Its sensor shows no deflection beyond its rounding, and seems to be computed from the motor's "
+    "Its sensor signal shows no deflection beyond rounding, and seems to be computed from the motor's "
     "position. Log the angle that the sensor behind the gear measures, or leave its column out."
 )
 

@@ -1,4 +1,4 @@
-"""Changes of a study that may remedy a finding: from a study to a study that lists the change.
+"""Changes to a study that may remedy a finding: from a study to a study that lists the change.
 
 The data as logged are never changed: the new study holds corrected copies of the records concerned.
 """

@@ -103,7 +103,7 @@ def rectangle(
             f"passed at {1e3 * corner:.3g} mm/s, and {acceleration_m_s2:g} m/s² and ramps of "
             f"{_SHORTEST_RAMP_S:g} s allow {1e3 * max(peaks):.3g} mm/s on the longest straight, "
             f"{1e3 * max(straights):.3g} mm. Lower the speed to {np.floor(max(peaks) * 1e4) / 10:g} "
-            "mm/s, or enlarge the sides or the acceleration."
+            "mm/s, or increase the side lengths or the acceleration."
         )
     turn = angle + (first + np.arange(5)) * np.pi / 2
     directions = np.stack([np.cos(turn), np.sin(turn)], axis=1)

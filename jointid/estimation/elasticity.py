@@ -66,7 +66,7 @@ class ElasticityFit:
     residual_noise: Floats
     """Its standard deviation from noise alone (root of the complex variance), shape (r, n), N·m."""
     cost: float
-    """Sum of the squared residual in units of its noise, over all records and harmonics fitted."""
+    """Sum of the squared residuals in units of their noise, over all records and harmonics fitted."""
     expected_cost: float
     """Expected value of ``cost`` for a correct model and the stated noise; 0 for one record."""
     equations: SpringEquations
@@ -173,7 +173,7 @@ class ElasticityFit:
 
     @property
     def condition(self) -> float:
-        """Condition number of A in equation (12), its columns in units of D1, K1, D2, K2, ..."""
+        """Condition number of A in equation (12) with its columns times D1, K1, D2, K2, ..."""
         error = self.errors.D
         damping = np.maximum(np.abs(self.D), np.where(np.isfinite(error), error, 0.0))
         p = np.stack([damping, np.abs(self.K)], axis=1)

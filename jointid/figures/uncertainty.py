@@ -48,7 +48,7 @@ def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
     sketch.line(
         count,
         worst,
-        "worst error",
+        "largest error",
         "identified",
         mode="lines+markers",
         dash="dot",
@@ -58,5 +58,5 @@ def worst_error(suggestion: Suggestion, *, dark: bool = False) -> go.Figure:
         showlegend=False,
     )
     x = linear_axis("Records added", tickformat="d", nticks=min(count.size, 10) + 1)
-    y = linear_axis("Worst error of K and D (%)", rangemode="tozero")
+    y = linear_axis("Largest error of K and D (%)", rangemode="tozero")
     return sketch.figure(x, y, height=300)

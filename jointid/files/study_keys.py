@@ -61,7 +61,7 @@ STUDY_KEYS = {
     "gear_temperature_C": "gear_temperature_C = 24.0",
     "note": 'note = "after two hours of operation"',
     "assumed": 'assumed = ["torque held between samples"]  # unconfirmed facts',
-    "changes": 'changes = ["Left out: 05.csv"]  # changes of the data as logged',
+    "changes": 'changes = ["Left out: 05.csv"]  # changes to the data as logged',
     "inertia": f"[inertia], {INERTIA_KEYS['M']}, {INERTIA_KEYS['M2']}",
     "nominal": "[nominal], K = [20.0, 3.5], D = [0.10, 0.015]",
     "torque": f"[torque], {TORQUE_KEYS['std']}",

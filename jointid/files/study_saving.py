@@ -135,7 +135,7 @@ def _toml(study: Study, files: Sequence[str]) -> bytes:
         return text.encode()
     except UnicodeEncodeError as error:
         raise JointIdError(
-            f"The study's texts hold {text[error.start]!r}, which is not a character: remove it."
+            f"A text of the study contains {text[error.start]!r}, not a valid character: remove it."
         ) from error
 
 

@@ -63,7 +63,7 @@ class DrivenGears:
     M2: Floats
     """Of every pose, shape (p, n, n)."""
     G: Floats
-    """Stiffness of gravity of every pose, shape (p, n, n)."""
+    """Gravity stiffness of every pose, shape (p, n, n)."""
     measured: Floats
     """Torque through the gears by the motors' balance, shape (n, N), N·m."""
     observed: Floats

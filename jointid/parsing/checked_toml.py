@@ -107,7 +107,7 @@ class CheckedTable:
 
     def texts(self, key: str) -> list[str]:
         """Return a list of strings."""
-        value = self._typed(key, list, expected := "a list of texts in quotes")
+        value = self._typed(key, list, expected := "a list of strings in quotes")
         if not all(isinstance(item, str) for item in value):
             raise self._wrong_type(key, value, expected)
         return value

@@ -32,7 +32,7 @@ def parse_xml(file: str, data: bytes, root: str) -> Element:
         if elements > _MAX_ELEMENTS:
             raise fail(f"more than {_MAX_ELEMENTS} elements: remove visual and unused ones.")
         if depth > _MAX_DEPTH:
-            raise fail(f"elements are nested more than {_MAX_DEPTH} deep.")
+            raise fail(f"elements are nested more than {_MAX_DEPTH} levels deep.")
         if depth == 1 and tag != root:
             raise fail(f"the outermost element is <{tag[:60]}>: expected <{root}>.")
         builder.start(tag, attributes)

@@ -214,7 +214,7 @@ def extract_phasors(records: Sequence[SineRecord], *, harmonics: int | None = No
     records : sequence of SineRecord
         Of the same joints. The window need not span whole periods.
     harmonics : int, optional
-        Highest harmonic of a second fit. By default 3, and 31 (``MANY_HARMONICS``) if these exceed the
+        Highest harmonic of a second fit. By default 3, or 31 (``MANY_HARMONICS``) if these exceed the
         noise, since they then show friction.
 
     Returns

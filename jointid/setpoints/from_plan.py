@@ -156,7 +156,7 @@ def _motions(plan: PlannedMotion, ramp_s: float) -> Iterator[Run]:
     before = round(max(ramp_s, 1 / motion.from_hz) / interval)
     hold = motion.duration_s - before * interval
     if hold <= 0:
-        raise JointIdError(f"Ramps of {before * interval:g} s exceed the motion: shorten them.")
+        raise JointIdError(f"Ramps of {before * interval:g} s are longer than the motion: shorten them.")
     reference = sampled(motion, n, len(plan.records), interval, before, 0)
     time = interval * np.arange(-1, len(reference.position) - 1)
     for number in range(len(plan.records)):

@@ -78,7 +78,7 @@ class RobotLimits:
         names = tuple(self.joint_names) or tuple(f"joint_{axis}" for axis in every)
         if not len(axes) == len(set(axes)) == n or not set(axes) <= set(every):
             raise JointIdError(
-                f"axes = {axes} do not fit {counted(n, 'gear ratio')} and "
+                f"axes = {axes} does not match {counted(n, 'gear ratio')} and "
                 f"{counted(start.size, 'angle')} of the start pose: give the angle of every "
                 "axis of the robot, and one axis per joint."
             )

@@ -76,7 +76,7 @@ def simulate_records(
     Raises
     ------
     JointIdError
-        When settings do not fit the robot, the closed loop is unstable, or a joint with a superposed
+        When settings do not match the robot, the closed loop is unstable, or a joint with a superposed
         constant velocity would reverse.
     """
     excitation, controller = excitation or Excitation(), controller or Controller()
@@ -150,7 +150,7 @@ def simulate_motion(
     Raises
     ------
     JointIdError
-        When settings do not fit the robot, or the closed loop is unstable.
+        When settings do not match the robot, or the closed loop is unstable.
     """
     motion, controller = motion or Motion(), controller or Controller()
     friction, measurement = friction or MotorFriction(), measurement or Measurement()
@@ -215,7 +215,7 @@ def _require_memory(samples: int, channels: int) -> None:
     needed = 2 * 8.0 * samples * channels
     if needed > _LARGEST_LOG_BYTES:
         raise JointIdError(
-            f"The log would hold {samples} samples for each of {channels} joints of all records, "
+            f"The logs, with {samples} samples per record, would take "
             f"{needed / 1e9:.1f} GB; the limit is {_LARGEST_LOG_BYTES / 1e9:g} GB. "
             "Shorten the records, or simulate fewer at a time."
         )
@@ -254,7 +254,7 @@ def simulate_campaign(
     fraction done, up to 1.0; ``settings`` are further ones of ``simulate_records`` or
     ``simulate_motion``.
 
-    Raises JointIdError when the settings do not fit the robot.
+    Raises JointIdError when the settings do not match the robot.
     """
     seed = whole_number("seed", seed, 0)
     given = with_inertia_error(inertia, inertia_error, seed)

@@ -67,8 +67,8 @@ class Excitation:
     """
 
     pattern: str | ArrayLike = "orthogonal"
-    """The weights W, shape (R, n), complex, or their name. "orthogonal": e^{2πi rj/R}, all joints move
-    in every record, with different relative phases. "one-at-a-time": record r moves joint r, the
+    """The weights W, shape (R, n), complex, or their name. "orthogonal": e^{2πi rj/R}: all joints move
+    in every record, with different relative phases. "one-at-a-time": record r moves joint r; the
     controllers hold the others."""
     records_per_frequency: int | None = None
     """R; by default n, or the rows of ``pattern``."""
@@ -142,8 +142,8 @@ class MotorFriction:
     load: PerJoint = 0.0
     """μ, share of the torque through the gear."""
     step_s: float = 1.25e-4
-    """Longest step with F_c or μ, s. A reversal is located within its step, so that the error is of
-    second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
+    """Longest step if F_c or μ is not 0, s. A reversal is located within its step, so that the error is
+    of second order: about 1e-4 of the friction phasor up to 30 Hz with the default."""
     arm_viscous: PerJoint = 0.0
     """Viscous friction at the arm, motor side, N·m·s/rad."""
 
@@ -165,7 +165,7 @@ class Measurement:
     encoder_counts: int | None = None
     """Encoder counts per motor turn; None is an ideal encoder."""
     position_noise_rad: PerJoint = 0.0
-    """Standard deviation of white noise on the position, ahead of the encoder's rounding, rad."""
+    """Standard deviation of white noise on the position, before rounding by the encoder, rad."""
     torque_noise_Nm: PerJoint = 0.0
     """Standard deviation of white noise on the logged torque, not on the motor's, N·m."""
     torque_gain: PerJoint = 1.0

@@ -15,8 +15,9 @@ _AT_MOTOR, _AT_JOINT = "N·m/rad at the motor", "N·m/rad at the joint"
 CLEAR_SIGMAS = 3.0
 """Standard errors beyond which a difference is significant."""
 INDEPENDENT_ERRORS = (
-    f"Significant: beyond {CLEAR_SIGMAS:g} σ, the standard error of the difference if both errors are "
-    "independent. A common cause, such as a wrong torque constant of the same robot, changes both alike."
+    f"Significant: beyond {CLEAR_SIGMAS:g} σ; σ is the standard error of the difference if both errors "
+    "are independent. A common cause, such as a wrong torque constant of the same robot, changes both "
+    "alike."
 )
 """Explains ``significance``."""
 

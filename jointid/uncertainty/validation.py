@@ -145,9 +145,10 @@ def second_amplitude(fit: ElasticityFit) -> str:
     record, phasors = second_amplitude_record(fit), fit.phasors
     if record is None:
         return ""
+    hertz = f"{phasors.omega[record] / (2 * np.pi):.3g} Hz"
     return (
         f"The records are explained almost as well by {' or '.join(rival_laws(fit))}. To decide, repeat "
-        f"{phasors.labels[record]} ({phasors.omega[record] / (2 * np.pi):.3g} Hz) at half the amplitude."
+        f'"{phasors.labels[record]}" ({hertz}) at half the amplitude.'
     )
 
 

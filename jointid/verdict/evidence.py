@@ -32,7 +32,7 @@ _MOST_TIMES = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A change of the study that may remedy a finding; ``jointid.corrections`` makes it."""
+    """A change to the study that may remedy a finding; ``jointid.corrections`` makes it."""
 
     kind: ChangeKind
     records: tuple[int, ...] = ()
@@ -64,7 +64,7 @@ class Finding:
     action: Action = ""
     """Part of the import that the remedy edits; empty if it edits the study's files only, or nothing."""
     changes: tuple[Change, ...] = field(default=(), compare=False)
-    """Changes of the study that may remedy it, the most likely first."""
+    """Changes to the study that may remedy it, the most likely first."""
     code: Code = ""
 
 

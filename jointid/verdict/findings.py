@@ -228,4 +228,4 @@ def limit_of_records(findings: Sequence[Finding], fit: ElasticityFit, worst: Flo
             return f"{MODEL_LIMITS}: more records of the same kind do not help. {finding.remedy}"
     if worst[-1] <= _HARDLY_SMALLER * worst[0]:
         return ""
-    return f"These records hardly reduce the worst error. {largest_part(fit)}"
+    return f"These records hardly reduce the largest error. {largest_part(fit)}"

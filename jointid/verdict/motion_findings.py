@@ -45,7 +45,7 @@ _IN_MODEL = (
 )
 _CHECK_MODEL = (
     "Check the order, signs and zero positions of the joint angles, the order and unit of the torques, "
-    "the unit of the time, the payload and the gear ratios."
+    "the unit of time, the payload and the gear ratios."
 )
 _REVERSED = "The motor torques of {} have the wrong sign"
 _DRIVEN = (
@@ -134,7 +134,7 @@ def wrong_motions(
 def damaged_torques(motions: Sequence[MotionRecord]) -> Iterator[Finding]:
     """Torques of moving joints that are clipped, or lack their sign in all motions."""
     moving = [(r, np.flatnonzero(share_at_rest(r) < _RESTS)) for r in motions]
-    torques = [(r.label, [r.tau_Nm[r.start :, j] for j in joints]) for r, joints in moving]
+    torques = [(f'"{r.label}"', [r.tau_Nm[r.start :, j] for j in joints]) for r, joints in moving]
     unsigned = [name for name, each in torques if each and all(has_one_sign(tau) for tau in each)]
     clipped = [name for name, each in torques if any(is_clipped(tau) for tau in each)]
     damages: list[tuple[list[str], tuple[str, str], str]] = [(clipped, CUT_OFF, AT_LIMIT)]

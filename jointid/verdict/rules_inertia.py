@@ -177,9 +177,9 @@ def inertias_off(evidence: Evidence, own: ElasticityFit) -> Iterator[Finding]:
         f"{capitalised(row.name)} was entered as {given}{unit}; the records indicate "
         f"{with_error(row.fitted, row.fitted_std)}{unit}.{others} {accounts}",
         ("" if row.unit else "Check rated torques and torque constants. ")
-        + "Give the robot model the coupling matrix of its gears. " * (couplings and not absurd)
+        + "Add the coupling matrix of the gears to the robot model. " * (couplings and not absurd)
         + "Check M and M2: the pose, the payload, the gear ratios and the motors' data sheets. An error "
-        "of the torque constant scales all inertias alike.",
+        "in the torque constant scales all inertias alike.",
         float(change.max()) if exact else 0.05,
         "edit inertias",
         *([] if absurd or not row.unit else [Change("inertias", (), (LOOSE,) * exact, own_inertias)]),

@@ -334,7 +334,7 @@ def foreign(
 ) -> Finding:
     """The finding on records whose torques belong to other motions, with the reason."""
     rows = np.flatnonzero(concerned).tolist()
-    labels = [evidence.phasors.labels[i] for i in rows]
+    labels = [f'"{evidence.phasors.labels[i]}"' for i in rows]
     few = 2 * len(rows) < concerned.size
     return problem(
         words[0],

@@ -66,7 +66,7 @@ def wrong_frequency(evidence: Evidence) -> Iterator[Finding]:
         make = problem if off[worst] > 0.05 else warning
         yield make(
             "A record contradicts its stated frequency",
-            f"{phasors.labels[worst]} states {number(stated[worst], 5)} Hz; the motor oscillates at "
+            f'"{phasors.labels[worst]}" states {number(stated[worst], 5)} Hz; the motor oscillates at '
             f"{number(phasors.frequency_found_hz[worst], 5)} Hz. "
             f"{_concerned(len(concerned))}",
             "Correct the frequency of the run or the unit of time on import, or frequency_hz and the "
@@ -93,7 +93,7 @@ def still_settling(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.argmax(moving))
     if moving[worst] > 0:
         concerned = np.argsort(-moving, kind="stable")[: np.count_nonzero(moving)]
-        names = [phasors.labels[i] for i in concerned]
+        names = [f'"{phasors.labels[i]}"' for i in concerned]
         which = f"In {names[0]}"
         if len(names) > 1:
             which = f"{_concerned(len(names))[:-1]}: {some(names)}. In {names[0]}"
@@ -114,7 +114,7 @@ def _later_starts(evidence: Evidence, concerned: np.ndarray) -> tuple[str, str]:
     """Start of the steady state of these records, and the remedy."""
     steady, never = [], []
     for i in concerned:
-        record, label = evidence.records[i], evidence.phasors.labels[i]
+        record, label = evidence.records[i], f'"{evidence.phasors.labels[i]}"'
         start = steady_from(record)
         if start is None:
             never.append(label)
@@ -139,7 +139,7 @@ def few_periods(evidence: Evidence) -> Iterator[Finding]:
     periods = evidence.phasors.duration_s * evidence.frequency_hz
     short = np.flatnonzero(periods < 2.999)
     if short.size:
-        names = some([evidence.phasors.labels[i] for i in short])
+        names = some([f'"{evidence.phasors.labels[i]}"' for i in short])
         yield note(
             "Some records are only a few periods long",
             f"{names}: {'at least ' * (short.size > 1)}{number(periods[short].min(), 2)} periods. Their "
@@ -209,7 +209,7 @@ def stationary_joint(evidence: Evidence) -> Iterator[Finding]:
             0.0,
         )
     for j in np.flatnonzero(stationary.any(axis=0) & has_friction):
-        names = [phasors.labels[i] for i in np.flatnonzero(stationary[:, j])]
+        names = [f'"{phasors.labels[i]}"' for i in np.flatnonzero(stationary[:, j])]
         share = len(names) / len(phasors.labels)
         make = warning if share > 0.9 else note
         yield make(
@@ -229,12 +229,12 @@ def constant_torque(evidence: Evidence) -> Iterator[Finding]:
     for j in np.flatnonzero((constant[:, n:] & ~constant[:, :n]).any(axis=0)):
         concerned = np.flatnonzero(constant[:, n + j] & ~constant[:, j])
         record = evidence.records[int(concerned[0])]
-        one = concerned.size == 1
-        which = "this record" if one else "these records"
+        which = "this record" if concerned.size == 1 else "these records"
+        names = some([f'"{evidence.phasors.labels[i]}"' for i in concerned])
         where = f"{concerned.size} of {counted(len(constant), 'record')}"
         yield problem(
             f"The torque of joint {j + 1} is constant in {where}",
-            f"{some([evidence.phasors.labels[i] for i in concerned])}: the joint moves while "
+            f"{names}: the joint moves while "
             f"tau_m{j + 1}_Nm stays at {number(float(record.tau_Nm[record.start, j]))} N·m.",
             f"Check the source of tau_m{j + 1}_Nm, or leave {which} out.",
             2.0,

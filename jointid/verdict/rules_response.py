@@ -89,7 +89,7 @@ def _controller_peak(
     return note(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
-        f"In the single record {evidence.phasors.labels[records[worst]]}, acceleration over torque "
+        f'In the single record "{evidence.phasors.labels[records[worst]]}", acceleration over torque '
         f"is {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak at this "
         f"frequency. The elastic resonance is the peak of H{j + 1}{j + 1} at "
         f"{some([f'{number(frequency[t])} Hz' for t in elastic])}.",

@@ -103,7 +103,7 @@ class InertiaPrior:
 
         ``inertia`` is one for all records, or one per record when they come from several poses; a prior
         is returned as it is. The relative standard deviations are 0 for None. Raises JointIdError when
-        the inertias do not fit the records, or a standard deviation is negative or NaN.
+        the inertias do not match the records, or a standard deviation is negative or NaN.
         """
         if isinstance(inertia, InertiaPrior):
             return inertia

@@ -140,7 +140,7 @@ def spring_equations(
     Raises
     ------
     JointIdError
-        When the inertias do not fit the records, or a joint is not deflected.
+        When the inertias do not match the records, or a joint is not deflected.
     """
     _require_plausible(phasors)
     z = phasors.z

@@ -164,7 +164,7 @@ def accuracy_text(
         return "The robot has exactly the identified K and D; their error is not known."
     if not outcome.depends_on_elasticity:
         text = remaining_error_text(outcome, servo, friction)
-        return f"{text} {where} shows the effect of an error of K."
+        return f"{text} {where} shows the effect of an error in K."
     return (
         "K and D of the simulated robot are drawn from the error bars: the path error "
         f"stays {at_most(outcome.after_m)} with a probability of 95 %, "
@@ -214,7 +214,7 @@ def show_assumptions() -> None:
         "non-optimal.\n\n"
         "**Both robots are simulated.** In the cut before identification, the robot has the identified "
         "K and D, the best estimate of the real ones; its servo assumes other values. The blue path is "
-        "that of the robot at the 95th percentile of the path error. Errors of the inertias act through "
+        "that of the robot at the 95th percentile of the path error. Errors in the inertias act through "
         "K and D; links are rigid."
     )
 

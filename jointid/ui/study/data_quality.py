@@ -23,8 +23,8 @@ _ROUNDING_S = 1e-9
 """Below a nanosecond, uneven time steps are rounding of the times."""
 HARMONICS = (
     "Odd harmonics show friction, a hardening gear or backlash; their phases separate friction from "
-    "the gear. Even ones show friction that depends on the direction, or gravity or a one-sided load "
-    "across backlash."
+    "the gear. Even ones show friction that depends on the direction, or gravity or another one-sided "
+    "load on a gear with backlash."
 )
 
 

@@ -151,13 +151,13 @@ def _outcome(plans: tuple[PlannedMotion, ...], analysis: Analysis, suggested: Su
         seconds = suggested.records.duration_s.sum()
         ways.append(("the sines above", suggested.worst[-1], seconds))
     after = ", ".join(f"{percent(float(e))} with {name} ({t:.0f} s)" for name, e, t in ways)
-    return f"Worst error {percent(float(analysis.fit.relative_error.max()))} → {after}"
+    return f"Largest error {percent(float(analysis.fit.relative_error.max()))} → {after}"
 
 
 def plan_table(plans: tuple[PlannedMotion, ...], analysis: Analysis) -> Table:
     """Length, peaks and errors of the present records, and with each motion in addition."""
     found: dict[str, list[str]] = {
-        "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Worst error, alone"]
+        "": ["Length", "Peak velocity (rad/s)", "Peak torque (N·m)", "Largest error, alone"]
         + [f"{name} error, with present records" for name in plans[0].names]
     }
     today, records = analysis.fit.relative_error, analysis.study.records

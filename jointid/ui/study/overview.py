@@ -34,7 +34,7 @@ _PART = "corrections"
 
 
 def show_changes(page: Page) -> None:
-    """List the changes of the data as logged, with a way back."""
+    """List the changes to the data as logged, with a way back."""
     if not page.study.changes:
         return
     if st.session_state.pop(_APPLIED, False):  # the box below may be out of sight

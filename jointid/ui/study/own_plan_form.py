@@ -49,7 +49,7 @@ def show_own_plan(page: Page, found: Suggestion, analysis: Analysis, pose: str) 
     if (record := repeated_record(analysis, pose)) is not None:
         _add_repetition(columns, analysis, record)
         st.write(
-            f"The last row repeats {markdown_escape(analysis.phasors.labels[record])} at half its "
+            f'The last row repeats "{markdown_escape(analysis.phasors.labels[record])}" at half its '
             "amplitude, to decide between the gear laws."
         )
     plan = plan_of(_edited(columns, analysis.fit.n, page.digest), page, analysis, pose)

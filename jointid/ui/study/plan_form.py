@@ -91,7 +91,7 @@ def _ask_limits(place: DeltaGenerator, key: str, label: str, largest: Floats, of
     return enter_text(place, key, label, ", ".join(f"{x:.3g}" for x in largest), hint)
 
 
-_WORST = "Worst error afterwards"
+_WORST = "Largest error afterwards"
 
 
 def largest_so_far(analysis: Analysis) -> tuple[Floats, Floats]:
@@ -138,7 +138,7 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
     """Show the suggested records with the errors that they leave, and offer them as a file."""
     before, after = (float(found.worst[k]) for k in (0, -1))
     usable = analysis.state != NOT_USABLE
-    gain = f": worst error {percent(before)} → {percent(after)}" * usable
+    gain = f": largest error {percent(before)} → {percent(after)}" * usable
     st.header(f"{counted(settings.count, 'additional record')}{gain}", anchor=False)
     if not usable:
         st.caption("Predicted with K and D that are not usable: correct the study before you measure.")
@@ -160,7 +160,7 @@ def show_suggestion(page: Page, settings: PlanSettings, found: Suggestion, analy
         hint="With the motor positions, for a controller that follows positions.",
     )
     if usable:
-        what = "Worst relative error over the number of records added"
+        what = "Largest relative error over the number of records added"
         page.show(f"worst {settings}", partial(worst_error, found), what)
 
 

@@ -82,9 +82,9 @@ def show_set_points(
         return
     st.write(
         "The plan above as a motion of the joints, for the controller. It is first simulated, with "
-        "exact following and with a controller; a file is written only if the limits of the robot hold "
-        "for the whole motion, with ramps and load at rest. Amplitudes are limited by the plan. Read "
-        "the header of the file before use."
+        "exact following and with a controller; a file is written only if the whole motion, with ramps "
+        "and load at rest, stays within the limits of the robot. Amplitudes are limited by the plan. "
+        "Read the header of the file before use."
     )
     sines = isinstance(plan, PlannedRecords)
     ratios = analysis.study.gear_ratios
@@ -170,7 +170,7 @@ def show_set_points(
     except JointIdError as error:
         show_error(error, above)
         return
-    above.success("All limits hold.")
+    above.success("All limits are met.")
     if isinstance(plan, PlannedRecords):
         planned = {
             "torque": (np.abs(plan.torque_Nm).max(axis=0) + simulated.coulomb_Nm, "N·m"),

@@ -76,9 +76,9 @@ def show_matrix(fit: ElasticityFit) -> None:
     dots = r"\cdots" if fit.n > 2 else ""
     st.latex(rf"\mathbf A\,[{unknowns}{dots}]^T = \mathbf b \quad (12)")
     st.write(
-        f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With columns of "
-        f"unit length its condition number is {significant(fit.condition, 3)}; near 1, the records "
-        "determine K and D independently."
+        f"A has {2 * fit.n * fit.equations.omega.size} rows, two per joint and record. With its columns "
+        f"multiplied by the fitted D and K, its condition number is {significant(fit.condition, 3)}; "
+        "near 1, the records determine all of them with similar relative errors."
     )
     A, b = fit.equations.matrix()
     joint = choose_joint(range(fit.n), "details_joint") if fit.n > 1 else 0
