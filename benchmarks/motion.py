@@ -119,6 +119,8 @@ def _reference(motion: Motion, t: Array, rng: np.random.Generator, joint: int, r
 def simulate(runs: Sequence[tuple[Robot, Motion]]) -> list[list[MotionRecord]]:
     """Records of all runs; robot and sample rate are the same in all."""
     robot, first = runs[0]
+    if any(other is not robot for other, _ in runs):
+        raise ValueError("runs: expected the same robot in all; simulate other robots one by one.")
     plants, n = Plants([robot]), robot.n
     targets, rates = zip(*(references(motion, n) for _, motion in runs), strict=True)
     target, rate = np.concatenate(targets, axis=2), np.concatenate(rates, axis=2)

@@ -1696,6 +1696,44 @@ def test_friction_that_changes_between_records_is_noted_with_its_size(
     assert found([0.02, 0.03]) == []
 
 
+def test_gears_that_change_over_the_records_cause_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the first to the last by the linear and the cubic part, whose errors are correlated."""
+    layout = ParameterLayout.of(2, effects=["stiffness_change"])
+    p = layout.named(
+        layout.pack(
+            stiffness_change=[-0.02, 0.03],
+            stiffness_change_2=[9.0, 9.0],
+            stiffness_change_3=[0.005, 0.0],
+        )
+    )
+    C = np.zeros((layout.size, layout.size))
+    C[layout["stiffness_change"], layout["stiffness_change"]] = 4e-6 * np.eye(2)
+    C[layout["stiffness_change_3"], layout["stiffness_change_3"]] = 4e-6 * np.eye(2)
+    C[4, 8] = C[8, 4] = -3.5e-6
+    off = [False]
+    monkeypatch.setattr(rules_effects, "contradicts", lambda fit: off[0])
+
+    def found(hz: list[float], *, moves: bool = False, **parts: Any) -> list[Any]:
+        fit = two_joints(parameters=p, parameter_covariance=C, phasors=case(omega=np.array(hz)), **parts)
+        return list(rules_effects.gears_change(case(fit=fit, has_motions=moves)))
+
+    (only,) = found([3.0, 2.0, 4.0])
+    assert only.level == "warning"
+    assert only.title == "The stiffness of the gears changes over the records"
+    assert only.detail == (
+        "From the first record to the last it changes by −1.50 ± 0.10 % (joint 1) and 3.0 ± 0.3 % "
+        "(joint 2). K is its mean."
+    )
+    assert only.remedy == "Warm the robot up before the experiment."
+    assert only.weight == pytest.approx(10.03)
+    (ordered,) = found([2.0, 3.0, 3.0])
+    assert ordered.detail.endswith("in order of frequency: stiffness that depends on it looks the same.")
+    assert "random order" in ordered.remedy
+    assert "random order" not in found([2.0, 3.0], moves=True)[0].remedy
+    off[0] = True
+    assert not found([2.0, 3.0])
+
+
 def against(monkeypatch: pytest.MonkeyPatch, off: float, **parts: Any) -> list[Any]:
     """Findings where the paper's estimate of K2 differs by a relative ``off``."""
     fit = two_joints(gears=(), torque_scale=1.0, inertias=(), **parts)

@@ -114,13 +114,12 @@ def findings(evidence: Evidence) -> tuple[Finding, ...]:
     found = [*of_records(evidence), *one_frequency(evidence)]
     judge = _best_fit(evidence)
     judged = replace(evidence, fit=judge)
-    scales = tuple(foreign_torques(judged))
+    scales = tuple(foreign_torques(judged)) or wrong_columns(judged, evidence.phasors, evidence.inertias)
     outlier = None if scales else one_record_off(judged)
     if outlier is not None and outlier[0] not in off_frequency(evidence):  # reported with its cause
         found.append(outlier[1])
     if outlier is None and not scales:
-        scales = wrong_columns(judged, evidence.phasors, evidence.inertias)
-        scales = scales or tuple(joints_apart(judged))
+        scales = tuple(joints_apart(judged))
         if not scales and _physical_misfit(judge) >= GOOD:
             scales = tuple(motors_take_power(evidence))
     if scales:  # the advice of notes, such as on amplitudes, requires correct data
