@@ -167,7 +167,7 @@ def _identified(
     begin = regression_start(phasors, prior)
     widened = _WIDER if "coulomb" in begin.layout and _is_crowded(phasors) else 1.0
     most_hz = _highest_hz(phasors, prior, begin)
-    if widened > 1 or most_hz < np.inf:
+    if widened > 1 or most_hz < phasors.excited.max() / (2 * np.pi):
         phasors, source = _phasors(records, given.M[given.rotor], widened, most_hz, sampled)
         prior = given.of_rows(source)
     whole = phasors, prior

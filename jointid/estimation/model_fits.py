@@ -243,8 +243,13 @@ def evaluated(
 ) -> WhitenedResidual:
     """Residual of a model at its estimate; ``scale`` multiplies the variances as in a fit.
 
-    Raises JointIdError when the deflection of gears in motions is not found again.
+    That which the fit kept is not evaluated again. Raises JointIdError when the deflection of gears in
+    motions is not found again.
     """
+    if estimate.residual is not None and scale is estimate.scale:
+        kept = estimate.residual
+        problem = replace(kept.at.problem, motion=motor_motion(phasors))
+        return replace(kept, at=replace(kept.at, problem=problem))
     prior = replace(prior, gravity=estimate.gravity)
     waveforms = model_waveforms(phasors, model, estimate.named)
     waveforms = completed(waveforms, model, phasors, prior, estimate.named)

@@ -88,6 +88,8 @@ class LikelihoodEstimate(Estimate):
     """Standard deviation of Coulomb friction between sines, (n,), N·m; 0 where it does not differ."""
     wound: Wound | None
     """Deflection of nonlinear gears in motions."""
+    residual: WhitenedResidual | None = None
+    """That of the last evaluation, for a fit from an estimate near it; it is large."""
 
     def whole_cost(self, misfit: float) -> float:
         """Cost of the data over a misfit, plus that of the prior."""
@@ -218,6 +220,7 @@ def maximum_likelihood(
         gravity=problem.prior.gravity,
         friction_change=change,
         wound=fitted.at.wound and fitted.at.wound.alone(),
+        residual=fitted if is_near and problem.laws is None else None,
     )
 
 
