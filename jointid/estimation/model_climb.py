@@ -33,8 +33,9 @@ _LEADING, _ALONE = 0.1, 2.0
 beside friction has 0.13 to 0.28, further parts 0.02; of wrong data several parts are alike."""
 _RIVAL = 0.3
 """Score over the highest from which a law with start values of its own is fitted to motions."""
-_FEWEST = 3
-"""Records per joint that show whether two laws of the gears come near the data."""
+_FEWEST, _APART = 3, 0.03
+"""Records per joint that show whether two laws of the gears come near the data, and their misfit with
+friction alone, over that of all records, below which laws are not the cause: 0.4 and more with laws."""
 _CLIMB, _STEEP = 0.7, 0.3
 """Ratio of misfits by which a part must lower that of a model far from the data: in general, and of the
 first models, where wrong data gave 0.4 and more, and gravity beside friction 0.1."""
@@ -188,14 +189,15 @@ def fit_complete(search: Search) -> None:
     narrower models do from its estimate.
     """
     fits, sliding = search.fits, replace(search.base, reversal=0.0)
-    if search.has_two_laws or search.has_motions:
-        return
-    if not (search.is_distorted and search.may_have_friction):
+    if search.has_two_laws or not (search.is_distorted and search.may_have_friction):
         return
     search.has_two_laws = True
     rows, nearest_so_far = search.few_rows(_FEWEST), fits.least_misfit
     if rows.size < len(search.phasors.omega):  # wrong data, or other parts, would take long
         few = search.of_rows(rows)
+        few.fit(replace(sliding, reversal=0.03), search.start)
+        if few.fits.least_misfit <= max(EXPLAINED, _APART * nearest_so_far):
+            return  # the records contradict each other
         fit_complete(few)
         if few.fits.least_misfit > min(LOST, max(nearest_so_far, DOUBTFUL)):
             return
@@ -206,10 +208,8 @@ def fit_complete(search: Search) -> None:
         if not search.is_lost:
             search.pruned(best)
             return
-    models = []
-    for first, second in _COMPLETE:
-        both = sliding.with_part(first).with_part(second)
-        models += [both, both.with_part("motor_presliding")]
+    pairs = [sliding.with_part(first).with_part(second) for first, second in _COMPLETE]
+    models = [each for both in pairs for each in (both, both.with_part("motor_presliding"))]
     models = [model for model in models if set(model.effects).issubset(fits.optional)]
     for model in models:
         for start in (*_regressed(search, model), *[search.start] * (model not in fits.tried)):
