@@ -43,6 +43,8 @@ _OTHERS_LEFT = 0.2
 _HIDDEN, _LARGE = 0.5, 6.0
 """Misfit without a record over that with it, squared residual over the median: outliers of a searched
 model had less than 0.41 or more than 12; records that are all wrong more than 0.77 and less than 5."""
+_FAR_LESS = 0.05
+"""Misfit without a record over that with it, which only a wrong record explains."""
 _FEWEST = 4
 """Fewest other records, so that they can contradict each other as well."""
 
@@ -122,12 +124,13 @@ def _fit_without(
     """Fit without one record, and inertias of all; None if the others do not fit either.
 
     The residual of inaccurate inertias and of friction hides that of a wrong record. Where one stands
-    ``alone``, and simple models come near the others, all models are tried.
+    ``alone``, or without it far less is left, and simple models come near the others, all are tried.
     """
     others = np.delete(np.arange(evidence.phasors.omega.size), row)
     phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
     try:
         fit = identify_each(phasors, prior, ["auto"], gives_up=lambda: True)["auto"]
+        alone |= fit.misfit < _FAR_LESS * evidence.fit.misfit
         if alone and GOOD <= fit.misfit < LOST:
             fit = identify_each(phasors, prior, ["auto"], gives_up_late=lambda: True)["auto"]
     except JointIdError:
