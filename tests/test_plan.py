@@ -103,6 +103,22 @@ def test_present_errors_are_those_of_the_fit(n: int) -> None:
     assert np.all(predicted.together < predicted.today)
 
 
+def test_a_plan_for_gears_that_changed_starts_from_the_errors_of_the_fit() -> None:
+    """K falls by 2 % over the records: the plan ended with a KeyError."""
+    frequencies, torques = campaign(BAND_HZ, 2)
+    records = []
+    for k, (f, torque) in enumerate(zip(frequencies, torques, strict=True)):
+        springs = replace(PAPER, K=PAPER.K * (1.01 - 0.02 * k / (frequencies.size - 1)))
+        records += steady_records(SERIAL, springs, [f], torque[None], noise=NOISE, seed=k)
+    phasors = extract_phasors(records)
+    fit = identify_elasticity(phasors, SERIAL)
+    assert "stiffness_change" in fit.parameters.layout
+    plan = planned_records(SERIAL, fit.elasticity, [9.0], torque_Nm=np.ones(2))
+    predicted = predict_standard_errors(plan, phasors, SERIAL, fit)
+    assert np.allclose(predicted.today, fit.standard_error, rtol=0.1)
+    assert np.all(predicted.together < predicted.today)
+
+
 def test_repeated_records_reduce_errors_by_root_two() -> None:
     phasors, fit = base()
     frequencies, torques = campaign(BAND_HZ, 2)

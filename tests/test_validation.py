@@ -289,6 +289,16 @@ def test_poses_disagree_on_the_joint_that_differs() -> None:
     assert fits.probability < 1e-6
 
 
+def test_poses_measured_one_after_another_disagree_beside_changing_gears() -> None:
+    """A change over the records explains most of it; each pose's K was that of all records."""
+    phasors, inertias, poses = two_poses(Elasticity(K=[43.0, 7.7], D=PAPER.D))
+    fit = identify_elasticity(phasors, inertias)
+    assert "stiffness_change" in fit.parameters.layout
+    fits = fits_by_pose(phasors, inertias, poses, fit)
+    assert fits.estimates[:, 1] == pytest.approx([7.5, 7.7], rel=1e-3)
+    assert fits.significance[1] > 10
+
+
 def test_a_pose_with_too_few_records_is_named() -> None:
     phasors, inertias, poses = two_poses()
     fit = identify_elasticity(phasors, inertias, method="weighted")

@@ -15,6 +15,7 @@ from jointid.errors import JointIdError
 from jointid.estimation.estimators.inertia_prior import InertiaPrior
 from jointid.estimation.estimators.parameters import ParameterLayout
 from jointid.phasors import steady_state
+from jointid.phasors.extract import slow_changes
 from jointid.uncertainty.answer_tables import PriorRow
 from jointid.verdict import (
     cause_findings,
@@ -1699,10 +1700,11 @@ def test_friction_that_changes_between_records_is_noted_with_its_size(
 def test_gears_that_change_over_the_records_cause_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """From the first to the last by the linear and the cubic part, whose errors are correlated."""
     layout = ParameterLayout.of(2, effects=["stiffness_change"])
+    quadratic = np.array([0.005, 0.0])
     p = layout.named(
         layout.pack(
             stiffness_change=[-0.02, 0.03],
-            stiffness_change_2=[9.0, 9.0],
+            stiffness_change_2=quadratic,
             stiffness_change_3=[0.005, 0.0],
         )
     )
@@ -1713,9 +1715,10 @@ def test_gears_that_change_over_the_records_cause_a_warning(monkeypatch: pytest.
     off = [False]
     monkeypatch.setattr(rules_effects, "contradicts", lambda fit: off[0])
 
-    def found(hz: list[float], *, moves: bool = False, **parts: Any) -> list[Any]:
-        fit = two_joints(parameters=p, parameter_covariance=C, phasors=case(omega=np.array(hz)), **parts)
-        return list(rules_effects.gears_change(case(fit=fit, has_motions=moves)))
+    def found(hz: list[float], *, moves: bool = False, poses: str = "", **parts: Any) -> list[Any]:
+        phasors = case(omega=np.array(hz), progress=slow_changes(5))
+        fit = two_joints(parameters=p, parameter_covariance=C, phasors=phasors, **parts)
+        return list(rules_effects.gears_change(case(fit=fit, has_motions=moves, poses=tuple(poses))))
 
     (only,) = found([3.0, 2.0, 4.0])
     assert only.level == "warning"
@@ -1730,6 +1733,22 @@ def test_gears_that_change_over_the_records_cause_a_warning(monkeypatch: pytest.
     assert ordered.detail.endswith("in order of frequency: stiffness that depends on it looks the same.")
     assert "random order" in ordered.remedy
     assert "random order" not in found([2.0, 3.0], moves=True)[0].remedy
+    (in_turn,) = found([3.0, 2.0, 4.0], poses="aabb")
+    assert in_turn.detail.endswith(
+        "one after another: stiffness that depends on the pose looks the same."
+    )
+    assert in_turn.remedy.endswith("experiment, and return to the first pose at the end.")
+    for poses in ("aaa", "aabba"):
+        assert found([3.0, 2.0, 4.0], poses=poses) == [only]
+    p.vector[layout["stiffness_change_2"]] = [0.08, 0.0]  # K rises and falls back, by 3/4 of it
+    (bulge,) = found([3.0, 2.0, 4.0])
+    assert (
+        "−1.50 ± 0.10 % (joint 1) and 3.0 ± 0.3 % (joint 2). In between, it varies by up to"
+        in bulge.detail
+    )
+    assert bulge.detail.endswith("% (joint 1). K is its mean.")
+    assert bulge.weight == pytest.approx(10.067, abs=1e-3)
+    p.vector[layout["stiffness_change_2"]] = quadratic
     off[0] = True
     assert not found([2.0, 3.0])
 

@@ -252,9 +252,10 @@ def planning_model(
     effects = [name for name in EFFECTS if name in measured.layout and name not in CHANGES]
     layout = fitted_layout(prior, measured.friction, fit.delay is not None, effects)
     p = replace(measured, prior=prior, layout=layout).start(fit.parameters)
-    for block in fit.parameters.without(*CHANGES).layout.blocks:
-        values, first = fit.parameters[block.name].ravel(), layout[block.name].start
-        p[first : first + values.size] = values
+    for block in fit.parameters.layout.blocks:
+        if block.name in layout:  # the robot of the planned records does not change
+            values, first = fit.parameters[block.name].ravel(), layout[block.name].start
+            p[first : first + values.size] = values
     scale = np.full(1, fit.inflation)
     if fit.method not in LINEAR:
         vector = fit.parameters.vector

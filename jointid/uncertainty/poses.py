@@ -1,7 +1,7 @@
 """Fits by pose, and whether the poses agree."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -98,6 +98,8 @@ def fits_by_pose(
     for pose in dict.fromkeys(poses):
         records = [i for i, name in enumerate(poses) if name == pose]
         part, given = phasors.select(records), [each[i] for i in records]
+        # K and D that change over the records are the means of this pose.
+        part = replace(part, progress=part.progress - part.progress.mean(axis=0))
         try:
             one = refit(part, given, fit)
         except JointIdError as error:

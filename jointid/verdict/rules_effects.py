@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from jointid.arrays import Floats
 from jointid.estimation.elasticity import ElasticityFit
 from jointid.estimation.estimators.parameters import (
     CHANGES,
+    EFFECTS,
     GEAR_LAWS,
     PARAMETERS,
     PERIODIC_EFFECTS,
@@ -88,7 +90,9 @@ _REMEDIES = {
 
 
 _CLEAR = 3.0
-"""Standard errors from which different lags of the drives are reported."""
+"""Standard errors from which different lags of the drives, and further changes, are reported."""
+_BULGE = 1.5
+"""Largest change of the gears over that from the first to the last record from which it is reported."""
 
 
 def friction_changes(evidence: Evidence) -> Iterator[Finding]:
@@ -114,25 +118,49 @@ def gears_change(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if contradicts(fit):
         return
-    p, C, order = fit.parameters, fit.parameter_covariance, np.arange(fit.parameters.vector.size)
+    p, order, joints = fit.parameters, np.arange(fit.parameters.vector.size), np.arange(fit.n)
     by_frequency = bool(np.all(np.diff(fit.phasors.omega) >= 0)) and not evidence.has_motions
+    changes_of_pose = sum(a != b for a, b in pairwise(evidence.poses))
+    by_pose = 0 < changes_of_pose < len(set(evidence.poses))
     for name, of, symbol in zip(CHANGES, ("stiffness", "damping"), "KD", strict=True):
         if name not in p.layout:
             continue
-        odd = order[p.layout[name]], order[p.layout[f"{name}_3"]]  # the quadratic part ends as it begins
-        change = p.vector[odd[0]] + p.vector[odd[1]]
-        error = np.sqrt(sum(C[a, b] for a in odd for b in odd))
-        each = zip((100 * change).tolist(), (100 * error).tolist(), strict=True)
-        sizes = [f"{with_error(*both)} % (joint {j})" for j, both in enumerate(each, 1)]
+        parts = np.array([order[p.layout[part]] for part in EFFECTS[name].parameters])
+        share = fit.phasors.progress @ p.vector[parts]  # of each row and joint
+        change, error = _between(fit, parts, 0 * joints, 0 * joints - 1)
+        largest, its_error = _between(fit, parts, share.argmin(axis=0), share.argmax(axis=0))
+        bulges = (largest > _BULGE * np.abs(change)) & (largest > _CLEAR * its_error)
+        each = zip(_shares(largest, its_error), bulges.tolist(), strict=True)
+        within = enumerated([text for text, is_one in each if is_one] or [""])
         alike = f" The records are in order of frequency: {of} that depends on it looks the same."
+        by_poses = f" The poses follow one after another: {of} that depends on the pose looks the same."
         yield warning(
             f"The {of} of the gears changes over the records",
-            f"From the first record to the last it changes by {enumerated(sizes)}. {symbol} is its mean."
-            f"{alike * by_frequency}",
+            f"From the first record to the last it changes by {enumerated(_shares(change, error))}."
+            f"{f' In between, it varies by up to {within}.' * bool(within)} {symbol} is its mean."
+            f"{alike * by_frequency}{by_poses * by_pose}",
             "Warm the robot up before the experiment"
-            f"{', and measure the frequencies in random order' * by_frequency}.",
-            float(np.abs(change).max()),
+            f"{', and measure the frequencies in random order' * by_frequency}"
+            f"{', and return to the first pose at the end' * by_pose}.",
+            float(max(np.abs(change).max(), largest[bulges].max(initial=0.0))),
         )
+
+
+def _between(
+    fit: ElasticityFit, parts: np.ndarray, first: np.ndarray, last: np.ndarray
+) -> tuple[Floats, Floats]:
+    """Change of each joint's gear from one row to another by parameters (3, n), and its error."""
+    apart = (fit.phasors.progress[last] - fit.phasors.progress[first]).T
+    covariance = fit.parameter_covariance[parts[:, None], parts]
+    variance = np.einsum("aj,abj,bj->j", apart, covariance, apart)
+    change: Floats = (apart * fit.parameters.vector[parts]).sum(axis=0)
+    return change, np.sqrt(np.maximum(variance, 0.0))
+
+
+def _shares(changes: Floats, errors: Floats) -> list[str]:
+    """Changes in per cent with their errors and joints."""
+    each = enumerate(zip((100 * changes).tolist(), (100 * errors).tolist(), strict=True), 1)
+    return [f"{with_error(*both)} % (joint {j})" for j, both in each]
 
 
 def effects_found(evidence: Evidence) -> Iterator[Finding]:
