@@ -114,12 +114,9 @@ def choose_model(
     prior = InertiaPrior.of(inertia, *phasors.q.shape)
     linear = start if isinstance(start, Parameters) else ParameterLayout.of(phasors.n).named(start)
     per_turn = first[0].per_turn if first else ()
-    found = {each.effect for each in per_turn}
-    excluded = {
-        "piecewise",
-        *CHANGES,
-        *PERIODIC_EFFECTS,
-    } - found  # in place of a cubic law, and where found
+    found = {each.effect for each in per_turn} | {part for model in first for part in model.effects}
+    # Slopes take the place of a cubic law; the others are found where they explain most.
+    excluded = {"piecewise", *({*CHANGES, *PERIODIC_EFFECTS} - found)}
     if gear == "linear":
         excluded |= set(GEAR_LAWS)
     if friction:

@@ -33,9 +33,10 @@ from jointid.phasors.periods import samples_of
 
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
-_CLEARLY, _CHANCE = 0.5, 1e-3
+_CLEARLY, _ALONE, _CHANCE = 0.5, 10.0, 1e-3
 """Share of the misfit beyond noise that a change of the gears must explain to count, as robots that
-change are rare, and probability that it does on one that does not."""
+change are rare; ratio to any other part from which half of that suffices (link modes in the band had 5);
+and probability that it does on a robot that does not change."""
 _FEWEST = 8
 """Rows from which such changes are sought."""
 _RIDGE = 1e-12
@@ -162,8 +163,9 @@ def scores_with_changes(
     found = scores(phasors, prior, estimate, friction, noise, [*parts, *sought])
     by_chance = 0.5 * chdtri(3 * prior.n, _CHANCE) * max(1.0, estimate.misfit)
     beyond_noise = estimate.cost - estimate.expected_cost
-    others = (found[name].gain for name in parts if name in found)
-    least = max(by_chance, _CLEARLY * beyond_noise, *others)
+    others = max((found[name].gain for name in parts if name in found), default=0.0)
+    most_of_it = min(_CLEARLY * beyond_noise, max(_ALONE * others, 0.5 * _CLEARLY * beyond_noise))
+    least = max(by_chance, most_of_it, others)
     return {name: each for name, each in found.items() if name in parts or each.gain > least}
 
 
