@@ -588,7 +588,11 @@ def test_friction_may_differ_from_record_to_record_where_that_explains_half(
     monkeypatch.setattr(model_growth, "step_towards", lambda *_: (None, 6.0 * ratio))
     search, _ = growing({model: 6.0})
     search.fit(model, "start")
+    gains = {"lag": 2.0, "damping_change": 1.0}
+    search.scores = lambda _: {part: SimpleNamespace(gain=gain) for part, gain in gains.items()}
     assert model_growth.friction_of_records(search, model) == found
+    gains["damping_change"] = 3.0  # whose residual it would absorb
+    assert not model_growth.friction_of_records(search, model)
     far, _ = growing({model: 1e4})  # a step would leave it far from the data
     far.fit(model, "start")
     monkeypatch.setattr(model_growth, "step_towards", lambda *_: (None, 101.0))
