@@ -539,7 +539,7 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
     "whole_error::one_record_of_another_arm_is_named_beside_friction": ("arm touches*",),
     "whole_error::k_and_d_hold_where_friction_changes_from_record_to_record": ("*scatters*",),
     "whole_error::k_and_d_hold_where_the_gears_change_over_the_records": ("[DK] falls*",),
-    "whole_error::k_and_d_hold_where_the_robot_of_motions_changes": ("D-*", "coulomb-*"),
+    "whole_error::k_and_d_hold_where_the_robot_of_motions_changes": ("coulomb-*",),
     "whole_error::play_and_hysteresis_are_found_together": ("0.1-2",),
     "whole_error::several_deviations_are_found_together": ("hysteresis, *", "gravity, hardening*"),
     # Each robot and each kind of inertias once.

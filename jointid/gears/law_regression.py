@@ -53,7 +53,7 @@ def law_by_regression(law: str, phasors: Phasors, M: Floats, M2: Floats) -> Regr
             return None
         (linear, _), torque, damped = _least(rows, rows[:0]), rows[0].copy(), 0.0
         for _ in range(_PASSES):
-            fits = [each for each in shapes(rows) if each[1][0] > 0]
+            fits = list(shapes(rows))
             if not fits:
                 return None
             squares, factors, values = min(fits, key=lambda each: each[0])
@@ -79,7 +79,8 @@ def _cubic(rows: Floats) -> Iterator[_Fit]:
     for share in _HARDENING:
         shape = share * ((1 + share) / size) ** 2
         squares, factors = _least(np.stack([_softened(f, shape), *rows[1:]]), rows[:0])
-        yield squares, factors, [shape / factors[0] ** 3]
+        if factors[0] > 0 and factors[0] ** 3 > _LEAST:
+            yield squares, factors, [shape / factors[0] ** 3]
 
 
 def _softened(f: Floats, cubic: float) -> Floats:
@@ -93,6 +94,8 @@ def _slopes(rows: Floats) -> Iterator[_Fit]:
     for first, second in combinations(np.abs(f).max() * np.array(_EDGES), 2):
         squares, factors = _least(rows, np.stack([f - np.clip(f, -x, x) for x in (first, second)]))
         soft = np.cumsum(factors[[0, 3, 4]])
+        if soft[0] < _LEAST:
+            continue
         K = 1 / np.clip(soft, soft[0] / _STEEPEST, soft[0] * _STEEPEST)
         yield squares, factors, [K[1] - K[0], K[2] - K[1], first / K[0], (second - first) / K[1]]
 
