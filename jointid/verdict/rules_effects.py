@@ -118,7 +118,8 @@ def gears_change(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if contradicts(fit):
         return
-    p, order, joints = fit.parameters, np.arange(fit.parameters.vector.size), np.arange(fit.n)
+    p, order = fit.parameters, np.arange(fit.parameters.vector.size)
+    first, last = np.zeros(fit.n, int), np.full(fit.n, -1)
     by_frequency = bool(np.all(np.diff(fit.phasors.omega) >= 0)) and not evidence.has_motions
     changes_of_pose = sum(a != b for a, b in pairwise(evidence.poses))
     by_pose = 0 < changes_of_pose < len(set(evidence.poses))
@@ -127,7 +128,7 @@ def gears_change(evidence: Evidence) -> Iterator[Finding]:
             continue
         parts = np.array([order[p.layout[part]] for part in EFFECTS[name].parameters])
         share = fit.phasors.progress @ p.vector[parts]  # of each row and joint
-        change, error = _between(fit, parts, 0 * joints, 0 * joints - 1)
+        change, error = _between(fit, parts, first, last)
         largest, its_error = _between(fit, parts, share.argmin(axis=0), share.argmax(axis=0))
         bulges = (largest > _BULGE * np.abs(change)) & (largest > _CLEAR * its_error)
         each = zip(_shares(largest, its_error), bulges.tolist(), strict=True)

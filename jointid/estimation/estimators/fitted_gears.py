@@ -33,8 +33,8 @@ def gear_slopes(problem: Problem, p: Parameters) -> dict[str, Complexes]:
     K = np.ones((*problem.s.shape, problem.n), complex)
     slopes = {"K": K, "D": s * K}
     if "loss_factor" in layout:
-        slopes["K"] = K + p["loss_factor"] * _loss_stiffness(problem)
-        slopes["loss_factor"] = p.K * _loss_stiffness(problem) * K
+        loss = _loss_stiffness(problem) * K
+        slopes["K"], slopes["loss_factor"] = K + p["loss_factor"] * loss, p.K * loss
     for change, of, unit in zip(CHANGES, "KD", (K, s * K), strict=True):
         for name, share in zip(EFFECTS[change].parameters, problem.progress.T, strict=True):
             if name in layout:

@@ -111,7 +111,7 @@ ARM_EFFECTS = ("arm_viscous", "link", "gravity")
 """Effects on the arm's dynamic stiffness."""
 
 CHANGES = ("stiffness_change", "damping_change")
-"""Steady changes of K and D over the records."""
+"""Slow changes of K and D over the records."""
 
 FILTERS = ("position_filter", "torque_filter")
 """Effects that differ from a delay by the square of their time constants only."""
@@ -277,8 +277,9 @@ class ParameterLayout:
 
     def of_part(self, part: str) -> slice:
         """Place of the parameters that a part of a model is judged by, such as "friction"."""
-        ends = {"friction": ("coulomb", "curve")} | {name: (name, f"{name}_3") for name in CHANGES}
-        return self.span(*ends.get(part, (part, part)))
+        if part == "friction":
+            return self.span("coulomb", "curve")
+        return self.span(part, [*EFFECTS[part].parameters][-1] if part in CHANGES else part)
 
     def span(self, first: str, last: str) -> slice:
         """Place of the blocks from ``first`` to ``last``."""

@@ -53,6 +53,8 @@ class Residual:
     """Covariance of the signals z with it, C Eᴴ, shape (r, H, 2n, n)."""
     gear: Complexes
     """κ, shape (r, H, n), N·m/rad."""
+    gear_slopes: _By
+    """Its derivatives by the parameters in it, each shape (r, H, n)."""
     arm: Complexes
     """A⁻¹, shape (r, H, n, n), rad/(N·m)."""
     X: Complexes
@@ -120,7 +122,7 @@ class Residual:
         if problem.law_noise is not None:
             V += (X * problem.law_noise[1][..., None, :]) @ X.conj().swapaxes(2, 3)
         return cls(
-            problem, p, r, V, E, CE, gear, arm, X, lag, advance, images, friction, torque, law,
+            problem, p, r, V, E, CE, gear, slopes, arm, X, lag, advance, images, friction, torque, law,
             wound, turns,
         )  # fmt: skip
 
@@ -185,8 +187,7 @@ class Residual:
         f = gear_torque(self.X, self.arm, q, self.law)
         J = np.zeros((*self.r.shape, layout.size), complex)
         by_gear = -self.X / self.gear[..., None, :] * (f / self.gear)[..., None, :]  # ∂r/∂κ_j
-        stiffness = gear_slopes(problem, p)
-        for name, value in stiffness.items():
+        for name, value in self.gear_slopes.items():
             J[..., layout[name]] = by_gear * value[..., None, :]
         turns, share = self.turns, np.asarray(self.X @ self.arm)
         if turns is not None:
@@ -198,7 +199,7 @@ class Residual:
         if turns is not None:
             for name, columns in own.items():
                 turned[name] = self._turned(turns, self.arm * self._clear(columns)[..., None, :])
-        slopes = self._by_laws(smooth, stiffness, own, turned)
+        slopes = self._by_laws(smooth, own, turned)
         for name, columns in self._by_arm(share, f - self.law[1]).items():
             J[..., layout[name]] = -columns
         for name, columns in own.items():
@@ -231,7 +232,7 @@ class Residual:
         angle = (self.arm @ through[..., None])[..., 0]
         return -self.problem.prior.by_elements(np.asarray(self.X @ self.arm), angle)
 
-    def _by_laws(self, smooth: Complexes, stiffness: _By, own: _By, turned: _By) -> _By:
+    def _by_laws(self, smooth: Complexes, own: _By, turned: _By) -> _By:
         """Derivatives of w by the parameters, each (r, H, n, c).
 
         ``own`` torques of the motors change the friction of the arms by ``turned``.
@@ -252,7 +253,7 @@ class Residual:
             moved = problem.s[..., None] * smooth[..., : problem.n]
             apart["position_filter"] += moved[..., None] * np.eye(problem.n)
         arm = problem.prior.by_lower_element if "M2" in problem.layout else None
-        return laws.slopes(self.wound, self.p, self.gear, stiffness, own, apart, arm)
+        return laws.slopes(self.wound, self.p, self.gear, self.gear_slopes, own, apart, arm)
 
     def _deflections(self) -> _By:
         """Deflection of the gears without torque per unit of its parameters, each (r, H, n)."""

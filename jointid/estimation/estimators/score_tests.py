@@ -161,7 +161,7 @@ def scores_with_changes(
     may_change = phasors.omega.size >= _FEWEST
     sought = [n for n in CHANGES if may_change and n not in parts and n not in estimate.layout]
     found = scores(phasors, prior, estimate, friction, noise, [*parts, *sought])
-    by_chance = 0.5 * chdtri(3 * prior.n, _CHANCE) * max(1.0, estimate.misfit)
+    by_chance = 0.5 * chdtri(3 * prior.n, _CHANCE) * max(1.0, estimate.misfit)  # three per joint
     beyond_noise = estimate.cost - estimate.expected_cost
     others = max((found[name].gain for name in parts if name in found), default=0.0)
     most_of_it = min(_CLEARLY * beyond_noise, max(_ALONE * others, 0.5 * _CLEARLY * beyond_noise))
