@@ -474,10 +474,13 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 """Variants that a normal run tries; a test without patterns belongs to long runs."""
 
 NIGHTLY: dict[str, tuple[str, ...]] = {
-    "arm_side::a_joint_that_hardly_moves_in_a_record_leaves_the_others": ("1.0",),
+    # arm_side::friction_of_a_joint_that_hardly_moves_is_no_skew.
+    "arm_side::a_joint_that_hardly_moves_in_a_record_leaves_the_others": ("*",),
     # Motors are fitted in arm_side::against_nominal_values_at_the_motor.
     "arm_side::motors_that_contradict_their_sensors_end_in_an_answer_or_a_message": ("*",),
     "arm_side::motors_that_contradict_the_robot_model_are_a_warning": ("exchanged",),
+    # arm_side::the_pages_show_both_answers.
+    "arm_side::the_pages_show_stiffness_also_where_motor_data_give_none": ("*",),
     # Either theme with half of the pages.
     "browser::axe_finds_nothing_on_any_page": (
         "[RPECG]*-light",
@@ -488,19 +491,24 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
     ),
     # .ci/check_installed.py opens every page of one server.
     "browser::a_fresh_server_runs_every_page_first": ("[RPTESGF]*", "Compare"),
+    "browser::a_fresh_server_opens_a_page_by_its_address": ("*",),
     # test_fleet_page.py opens rows without a browser.
     "browser::the_study_that_stands_out_in_a_fleet_opens_from_its_row": ("*",),
+    # test_tool_stiffness.py, without the command.
+    "cli::cut_of_six_axes_uses_the_robot_of_the_study": ("*",),
     # cli::motions_of_simulated_gears_have_their_laws; every export of them: test_export.py.
     "cli::simulated_gears_have_their_laws": ("*",),
     "elasticity::standard_errors_are_the_scatter_of_the_estimates": (
-        "1-1-None-4.0",
-        "3-3-None-1.0",
-        "2-2-15-4.0",
+        "1-1-None-*",
+        "3-3-None-*",
+        "2-2-15-*",
         "2-2-7-4.0",
         "1-2-7-1.0",
     ),
     "fleet::an_interrupted_batch_resumes": ("kill -9",),
     "fleet::an_invalid_cluster_address_is_one_message": ("tls*",),
+    # test_background.py: calls in processes of their own.
+    "fleet_page::a_table_is_read_in_a_process_of_its_own": ("*",),
     # Two laws: hardening_is_found_beside_presliding_friction, with hysteresis.
     "gears::two_laws_are_found_beside_an_unstated_delay": ("*",),
     # A gear that hardly deflects: hysteresis_is_found_beside_a_stiff_gear.
@@ -522,20 +530,31 @@ NIGHTLY: dict[str, tuple[str, ...]] = {
         "serial-piecewise",
     ),
     "gears::backlash_is_not_identified_as_three_slopes": ("5",),
+    # gears::backlash_is_not_identified_as_three_slopes, with less backlash.
+    "gears::backlash_is_sought_where_slopes_imitate_it": ("*",),
+    "import_unused_spans::no_piece_of_a_sweep_is_a_sine": ("120-0.0-linear",),
     "likelihood::the_estimate_is_right_under_any_law_of_friction": ("wide",),
+    "motion::a_law_of_the_gear_in_random_motion": ("*backlash*",),
     "motion::friction_that_rises_slowly_after_a_reversal_is_found_in_random_motion": ("0.02",),
+    "motion::gears_that_harden_much_are_identified_from_quick_motions": ("moves-2",),
     "periodic_effects::torque_ripple_is_found_and_leaves_k_and_d": ("24-*",),
+    # setpoints::no_file_of_a_random_plan_exceeds_a_limit.
+    "setpoints::no_scale_helps_where_rest_exceeds_the_limit": ("*",),
     "six_axes::a_fit_with_free_reversals_converges_from_regression": ("14-*",),
     # Two joints: motion::joints_that_move_in_turn_with_friction.
     "six_axes::joints_that_move_in_turn_with_heavy_friction": ("*",),
     # joints_that_others_move_and_friction_holds.
     "six_axes::sines_of_joints_that_move_in_turn_with_heavy_friction": ("*",),
     "six_axes::two_axes_move_while_friction_holds_the_others": ("*",),
+    # tool_stiffness::deflection_along_a_path_is_that_of_gravity_and_inertia.
+    "tool_stiffness::deflection_of_a_slow_tool_is_that_of_gravity": ("*",),
     "uncertainty::bootstrap_draws_the_given_inertias_as_well": ("*-0.01",),
-    "uncertainty_pages::the_bootstrap_agrees_with_the_stated_errors": ("[23]",),
+    # test_uncertainty.py, without the page.
+    "uncertainty_pages::the_bootstrap_agrees_with_the_stated_errors": ("*",),
     "verdict::a_fault_in_every_record_names_no_single_record": ("six-1.1",),
     "verdict::exchanged_or_reversed_axes_are_found_beside_friction": ("given0-Joint*-0.05",),
     "verdict::velocities_in_place_of_positions_are_named": ("rpm-*",),
+    "whole_error::a_gear_with_three_slopes_is_found": ("True",),
     "whole_error::one_record_of_another_arm_is_named_beside_friction": ("arm touches*",),
     "whole_error::k_and_d_hold_where_friction_changes_from_record_to_record": ("*scatters*",),
     "whole_error::k_and_d_hold_where_the_gears_change_over_the_records": ("[DK] falls*",),

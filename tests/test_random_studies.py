@@ -66,8 +66,8 @@ def test_two_analyses_of_a_study_agree_or_are_both_refused() -> None:
         500332,
         500968,
     )
-    mended = mended[: tries(6, long=9, nightly=16)]  # the last takes longest
-    seeds = (*mended, *range(100, 100 + tries(4, long=8, nightly=12)))
+    mended = mended[: tries(6, nightly=16)]  # the last takes longest
+    seeds = (*mended, *range(100, 100 + tries(4, nightly=12)))
     found = [random_studies.trial(seed) for seed in seeds]
     assert {each.seed: each.fault for each in found if each.fault} == {}
     assert sum(each.answered for each in found) >= len(seeds) // 4
