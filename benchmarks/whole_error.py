@@ -86,7 +86,7 @@ class Outcome:
         return not self.alarms and bool(np.any(~(np.abs(self.z) <= SILENT)))
 
     def false_alarm(self, least: Array) -> bool:
-        """Whether there is an alarm, the data being perfect and the relative bound ``least``."""
+        """Whether there is an alarm, for perfect data with the relative bound ``least``."""
         excused = (MISSED,) if least.max() < WELL_KNOWN else (MISSED, HARDLY_KNOWN)
         return any(not any(part in title for part in excused) for title in self.alarms)
 
@@ -355,7 +355,7 @@ def paper_fit(study: Study) -> object:
 
 TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]] = {
     "perfect": ("Studies that fit the model", CASES, case_rows(PERFECT, perfect=True)),
-    "cases": ("Robots that leave the ideal model: the thirteen cases", CASES, case_rows(THIRTEEN)),
+    "cases": ("Robots that deviate from the ideal model: thirteen cases", CASES, case_rows(THIRTEEN)),
     "others": ("Further deviations", CASES, case_rows(OTHERS)),
     "combined": ("Several deviations at once", CASES, case_rows(COMBINED)),
     "sticking": ("Sticking friction", CASES, case_rows(STICKING)),
