@@ -116,7 +116,7 @@ def measure(quick: bool) -> Iterator[Table]:
                 if turn == repeat - 1:
                     again = [_first_picture(browser, server) for _ in range(repeat)]
                     found["first figure, another session"] = again
-                    yield _table("Time to the first figure", found)
+                    yield _table("Server start and first figure", found)
                     page = _visit(browser, server)
                     yield _table("Another page", _pages(page, repeat))
                     yield _table("Another setting", _settings(page, repeat))
