@@ -28,7 +28,7 @@ PARTS = {
     "growth": "time and memory against samples, records and joints",
 }
 LONG = {
-    "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
+    "cramer_rao": "estimators against the Cramér–Rao bound, and their error bars",
     "gears": "laws of nonlinear gears, and linear robots called nonlinear",
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",

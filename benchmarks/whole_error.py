@@ -59,7 +59,7 @@ ALARM = ("warning", "problem")
 HARDLY_KNOWN, MISSED = "poorly determined", "The frequencies miss"
 """Parts of the titles of findings that name missing records."""
 WELL_KNOWN = 0.01
-"""Relative Cramér-Rao bound up to which "poorly determined" is a false alarm."""
+"""Relative Cramér–Rao bound up to which "poorly determined" is a false alarm."""
 AT_ONCE = 16
 """Studies that are simulated together, to bound the memory."""
 
@@ -177,7 +177,7 @@ def case_row(name: str, case: Case, runs: int, *, perfect: bool = False) -> Row:
 
 
 def least(campaign: Campaign, std: float = INERTIA_STD) -> Array:
-    """Relative Cramér-Rao bound of K and D, shape (2n,), for inertias with a prior and no friction."""
+    """Relative Cramér–Rao bound of K and D, shape (2n,), for inertias with a prior and no friction."""
     robot = campaign.robot
     return bound(robot, campaign.experiment, campaign.M, campaign.M2, std) / robot.answer
 
