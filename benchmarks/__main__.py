@@ -28,7 +28,7 @@ PARTS = {
     "growth": "time and memory against samples, records and joints",
 }
 LONG = {
-    "cramer_rao": "estimators against the Cramér-Rao bound, and their error bars",
+    "cramer_rao": "estimators against the Cramér–Rao bound, and their error bars",
     "gears": "laws of nonlinear gears, and linear robots called nonlinear",
     "whole_error": "errors, error bars and warnings on an independent simulated robot",
     "motion": "K and D from sweeps, random motion and moves; intervals over 200 realisations",
@@ -54,13 +54,13 @@ def main(arguments: list[str] | None = None) -> int:
     names = "\n".join(f"  {name:<16} {what}" for name, what in {**PARTS, **LONG}.items())
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
-        description="jointid against what a user would pick instead.",
+        description="jointid compared with the software that a user would choose instead.",
         epilog=f"parts:\n{names}\n({', '.join(LONG)} only by name)",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("parts", nargs="*", metavar="part", help="which; by default the short ones")
-    parser.add_argument("--quick", action="store_true", help="small sizes: does it run at all")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there as well")
+    parser.add_argument("--quick", action="store_true", help="small sizes, to check that it runs")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write all figures to FILE")
     options = parser.parse_args(arguments)
     unknown = set(options.parts) - {*PARTS, *LONG}
     if unknown:

@@ -112,13 +112,11 @@ def measure(quick: bool) -> Iterator[Table]:
             server = Server(ROOT, Path(store))
             try:
                 found.setdefault("server start", []).append(time.perf_counter() - begin)
-                found.setdefault("first picture, cold server", []).append(
-                    _first_picture(browser, server)
-                )
+                found.setdefault("first figure, cold server", []).append(_first_picture(browser, server))
                 if turn == repeat - 1:
                     again = [_first_picture(browser, server) for _ in range(repeat)]
-                    found["first picture, another session"] = again
-                    yield _table("Until there is something to see", found)
+                    found["first figure, another session"] = again
+                    yield _table("Server start and first figure", found)
                     page = _visit(browser, server)
                     yield _table("Another page", _pages(page, repeat))
                     yield _table("Another setting", _settings(page, repeat))

@@ -3,11 +3,11 @@
     python -m benchmarks.batch [--studies 1000] [--json FILE]
 
 The studies are of robots that all differ (one to three joints, stiffness, damping, inertia), each with
-steady sines and noise. Every way is timed from its call to the complete table, the start of its
-processes included. The cluster is started before and has two workers of one thread each. The last run
-has five studies without an answer among the others (a broken zip, a NaN, a missing file, one that never
-ends, one that crashes its process), and one of the two workers is killed in between; then every row is
-compared with the plain loop's, bit by bit.
+steady sines and noise. Every way is timed from its call to the complete table, including the
+start of its processes. The cluster is started beforehand and has two workers of one thread each. The
+last run has five studies without an answer among the others (a broken zip, a NaN, a missing file, one
+that never ends, one that crashes its process), and one of the two workers is killed midway; then every
+row is compared with the plain loop's, bit by bit.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ COLUMNS = {
     "rows that differ": ".0f",
 }
 
-# Whoever opens these two files never comes back. Only the processes that read studies do.
+# A process that opens one of these two files never returns. Only those that read studies open them.
 HARM = """
 import os, signal, sys, time
 def look(event, arguments):

@@ -1,4 +1,4 @@
-"""Cramér-Rao bound of K, D and the inertias with their prior, from the equations of motion alone."""
+"""Cramér–Rao bound of K, D and the inertias with their prior, from the equations of motion alone."""
 
 from __future__ import annotations
 

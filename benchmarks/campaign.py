@@ -26,7 +26,7 @@ TORQUE_NOISE_NM = (0.02, 0.01)
 """Standard deviation of each logged sample."""
 VISCOUS = np.array([0.002, 0.0005])
 FRICTION = {"none": (0.0, 0.0), "mild": (0.05, 0.012), "heavy": (0.4, 0.08)}
-"""Coulomb friction at the motors, N·m; heavy is about half the smallest torque amplitude, and sticks."""
+"""Coulomb friction at the motors, N·m. Heavy: about half the smallest torque amplitude; joints stick."""
 
 
 def simulated(
@@ -36,7 +36,7 @@ def simulated(
     frequencies_hz: np.ndarray | None = None,
     periods: float = 12.5,
     rate_hz: float = RATE_HZ,
-    untold_delay_s: float = 0.0,
+    unstated_delay_s: float = 0.0,
 ) -> tuple[SineRecord, ...]:
     """A campaign in closed loop with a 16-bit encoder and noise on the logged torque.
 
@@ -48,9 +48,9 @@ def simulated(
         TRUTH,
         FREQUENCIES_HZ if frequencies_hz is None else frequencies_hz,
         excitation=Excitation(periods=periods, velocity_rad_s=8.0),
-        controller=Controller(sample_rate_hz=rate_hz, torque_delay_s=untold_delay_s),
+        controller=Controller(sample_rate_hz=rate_hz, torque_delay_s=unstated_delay_s),
         friction=MotorFriction(coulomb=coulomb, viscous=VISCOUS if any(coulomb) else 0.0),
         measurement=Measurement(encoder_counts=ENCODER_COUNTS, torque_noise_Nm=TORQUE_NOISE_NM),
-        declare_timing=untold_delay_s == 0,
+        declare_timing=unstated_delay_s == 0,
         seed=seed,
     )

@@ -3,9 +3,9 @@
     python -m benchmarks.changing_robot [runs, 4] [change ...]
 
 The robots are those of ``independent_robot``, with Coulomb and viscous friction; the records follow in
-order of frequency, as in most campaigns. Where K changes, the mean over the records is the truth. A run
-is silently wrong if K or D is off by more than four stated standard errors and no finding is a warning
-or a problem.
+order of frequency, as in most campaigns. Where K or D changes, its mean over the records is the truth. A
+run is silently wrong if K or D is off by more than four stated standard errors and no finding is a
+warning or a problem.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _warming_up(robot: Robot, share: float, _: np.random.Generator) -> dict[str,
 
 
 def _is_eighth(share: float) -> bool:
-    """Whether it is that of the eighth of 36 records."""
+    """Whether the share is that of the eighth of 36 records."""
     return abs(share - 7 / 35) < 1e-3
 
 

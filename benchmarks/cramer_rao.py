@@ -1,4 +1,4 @@
-"""Errors of the estimators relative to the Cramér-Rao bound, and coverage of their intervals.
+"""Errors of the estimators relative to the Cramér–Rao bound, and coverage of their intervals.
 
     python -m benchmarks.cramer_rao [draws] [periods ...]     or  python -m benchmarks cramer_rao
 

@@ -23,7 +23,7 @@ CASES = {
     "none": ("none", 0.0),
     "mild friction, 0.05 and 0.012 N·m": ("mild", 0.0),
     "heavy friction, 0.4 and 0.08 N·m": ("heavy", 0.0),
-    "no friction, 1.5 ms of delay not stated": ("none", 0.0015),
+    "no friction, unstated delay of 1.5 ms": ("none", 0.0015),
     "heavy friction and the delay": ("heavy", 0.0015),
 }
 HEADINGS = (
@@ -37,7 +37,7 @@ def rows(seeds: int, cases: Collection[str] = CASES.keys()) -> Iterator[tuple[st
         if name not in cases:
             continue
         campaigns = [
-            extract_phasors(simulated(friction, seed, rate_hz=RATE_HZ, untold_delay_s=delay))
+            extract_phasors(simulated(friction, seed, rate_hz=RATE_HZ, unstated_delay_s=delay))
             for seed in range(seeds)
         ]
         for method in ("least-squares", "weighted", "auto"):

@@ -4,7 +4,7 @@ Its best use: the linear part advances exactly (matrix exponential, torque held 
 friction is set-valued at rest, so the model can be the robot itself; all records in parallel; the
 initial state is rest, or follows from the harmonics of a sine record and the friction at hand; the
 measured torque moves the model in open loop, so a high-pass filter below the excitation removes the
-drift; logarithms of positive parameters, bounds, scaled columns; a second fit weighs records by the
+drift; logarithms of positive parameters, bounds, scaled columns; a second fit weights records by the
 residuals of the first.
 """
 
@@ -22,7 +22,7 @@ from scipy.signal import butter
 from jointid import Inertia, MotionRecord, Phasors, SineRecord, extract_phasors
 
 AVERAGED = 8
-"""Residuals of so many samples are averaged: they hold nothing faster, and the Jacobian stays small."""
+"""This many successive residuals are averaged: they vary slowly, and the Jacobian stays small."""
 SKIPPED_PERIODS = 2.5
 _FRICTION_UNIT = np.array([0.1, 0.1, 1e-3, 1e-3])
 
@@ -114,7 +114,7 @@ def fit(data: TimeData, inertia: Inertia, start: np.ndarray) -> TimeAnswer:
         count += len(points)
         return residuals(_values(points), data, inertia, weights)
 
-    # Friction may be nothing, of which there is no logarithm.
+    # Friction may be zero, which has no logarithm.
     x = np.concatenate([np.log(start[:4]), start[4:8] / _FRICTION_UNIT, np.log(start[8:])])
     lower, upper = x - np.log(1e3), x + np.log(1e3)
     lower[4:8], upper[4:8] = 0.0, 1e3

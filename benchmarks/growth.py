@@ -102,7 +102,7 @@ NOTE = (
     "Exponent: slope of the logarithm of time over that of size between the last three sizes; 1 is "
     "linear. Records: 2,000 samples each. Joints: 72 records of 2,000 samples, so the data grow with "
     "the joints as well. Parquet: from opening the study to its phasors, a part at a time in memory. "
-    "Motion: two records of random motion with so many samples each, from the records to K and D."
+    "Motion: two records of random motion of that many samples each, from the records to K and D."
 )
 
 
@@ -231,7 +231,7 @@ def _write_parquet(folder: Path, samples: int) -> None:
     part = 1 << 20
     noise = 1e-4 * rng.standard_normal(
         (part, 4)
-    )  # the same in every part: it need not be new to be read
+    )  # the same in every part, which does not change the reading
     with pq.ParquetWriter(
         folder / "01.parquet", schema, compression="none", use_dictionary=False
     ) as file:

@@ -514,9 +514,9 @@ def gains(robot: Robot) -> tuple[Array, Array]:
 
 
 def settling_s(robot: Robot, drop: float = 1e-5) -> float:
-    """Time after which a start has decayed to ``drop`` under control, at least 1 s.
+    """Time after which an initial transient has decayed to ``drop`` under control, at least 1 s.
 
-    Twice as long with friction: joints that stick pass their starts on to each other for a while.
+    Twice as long with friction: joints that stick pass their transients on to each other for a while.
     """
     plants = Plants([replace(robot, link_share=0.0, loss_factor=0.0)])
     gain, damping = gains(robot)

@@ -263,7 +263,7 @@ def measure(quick: bool) -> Iterator[Table]:
 
 
 def table(count: int, parts: Sequence[str]) -> Table:
-    """Kill each of the victims so many times."""
+    """Kill each of the victims this many times."""
     victims = {"server": server, "batch": batch, "convert": convert}
     rows = []
     for part in parts:

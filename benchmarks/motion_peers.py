@@ -27,8 +27,8 @@ COLUMNS = {
     "studies": ".0f", "median": "ms", "× jointid": ".1f", "remark": "",
 }  # fmt: skip
 NOTE = (
-    "Errors: the largest of all studies. The fits in the time domain know the robot's friction law and "
-    "integrate it, which they could not with a real robot; they have neither a prior nor an error bar."
+    "Errors: the largest of all studies. The fits in the time domain know the robot's friction law, "
+    "which is unknown for a real robot; they have neither a prior nor an error bar."
 )
 
 

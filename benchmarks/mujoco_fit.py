@@ -2,10 +2,10 @@
 
 Its best use, found by trial: sliding joints (the model is linear, an angle is as good as a length), the
 coupling inertia as a mass that both arm coordinates move, a fixed tendon as the spring, friction loss
-and damping on the motors; RK4, which here is the most exact of its integrators, the friction constraint
-stiffer than by default; its own optimiser with scaled columns and logarithmic parameters. Its own
-residual is a plain difference of sensors, which drifts away in open loop; so the same high-pass filter,
-averaging and initial states as in the time-domain fit are given to it by its hooks.
+and damping on the motors; RK4, which here is the most accurate of its integrators, the friction
+constraint stiffer than by default; its own optimiser with scaled columns and logarithmic parameters. Its
+own residual is a plain difference of sensors, which drifts away in open loop; so the same high-pass
+filter, averaging and initial states as in the time-domain fit are supplied through its hooks.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
     python -m benchmarks.mutation 40 jointid/transfer_matrix.py -- tests/test_motion_response.py
     python -m benchmarks.mutation 200 jointid/verdict -- tests/test_verdict.py tests/test_report.py
 
-Draws so many mutants of the modules (cosmic-ray: an operator, comparison, number or condition changed),
+Draws that many mutants of the modules (cosmic-ray: operator, comparison, number or condition changed),
 and prints the share that the tests find and every mutant that survives without a reason in
 ``benchmarks/survivors.toml``. Each mutant is tested in a fork that has loaded all libraries, by the
-tests that call the changed function; those that found most mutants in a second come first.
+tests that call the changed function; those that find most mutants per second come first.
 ``MUTATION_SEED=2`` draws others, and ``MUTATION_LONGEST_S=2`` also runs tests of up to 2 s of CPU.
 Needs ``'.[benchmarks]'``.
 """
@@ -155,7 +155,7 @@ class Tests:
                 os._exit(0)
         os.waitpid(child, 0)
         if not answer.exists():
-            return "a crash, or a loop without end"
+            return "a crash, or an endless loop"
         told: dict[str, Any] = json.loads(answer.read_text())
         self._seconds = {**told["seconds"], **self._seconds}
         for name in told["libraries"]:
@@ -204,7 +204,7 @@ class Tests:
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
-        """Tests that find most mutants in a second first."""
+        """Tests that find most mutants per second first."""
         if self._chosen:
             items[:] = [i for i in items if i.nodeid in self._chosen]
         items[:] = [i for i in items if self._seconds.get(i.nodeid, 0.0) < LONGEST_TEST_S]

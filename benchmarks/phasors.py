@@ -1,7 +1,7 @@
 """Phasors of 64 records × 40,000 samples × 4 channels, compared with other ways to read or fit them.
 
 Two data sets: pure sines (jointid then fits 3 harmonics) and sines with the harmonics of friction (it
-fits 31). Half of the frequencies have whole periods in the window, the others have not. Offset and
+fits 31). Half of the frequencies have whole periods in the window, the others do not. Offset and
 white noise of 1e-4 of the amplitude are in every channel, so that no exact fit can be better than the
 floor that this noise leaves.
 """
@@ -104,8 +104,8 @@ def measure(quick: bool) -> list[Table]:
 SUM = "numpy.sum, all samples as one array"
 NOTE = (
     "Ratio: median over interleaved rounds. Error: root mean square over records and channels, relative "
-    "to the amplitude; at 40,000 samples the noise in the data leaves about 1e-6 to any fit. jointid's "
-    "time holds its search for harmonics, the noise covariance of every harmonic, and the checks of "
+    "to the amplitude; at 40,000 samples the noise in the data leaves an error of about 1e-6. jointid's "
+    "time includes its search for harmonics, the noise covariance of every harmonic, and the checks of "
     "drift and settling; the others give phasors only."
 )
 

@@ -132,10 +132,10 @@ class Crowd:
                 f"They arrive within {self.arriving_s:g} s with "
                 f"{'the same study' if self.shared else 'studies'} of two joints, and act every "
                 f"{self.thinking_s[0]:g} to {self.thinking_s[1]:g} s until {self.lasting_s:g} s: "
-                "another page, or on it another record, estimator or corner zone of the cut. Opening is "
-                "the first screen of a study that the server keeps. The first time is that of this "
-                "study with this page, estimator and setting, and what the first screen adds by itself. "
-                "In a queue: the page said that the server is busy.",
+                "another page, or another record, estimator or corner zone of the cut on the same page. "
+                "Opening: the first screen of a study that the server keeps. The first time: of this "
+                "study with this page, estimator and setting, including what the first screen adds by "
+                "itself. In a queue: the page said that the server is busy.",
                 note,
             ),
         )

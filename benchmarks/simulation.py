@@ -75,7 +75,7 @@ class Experiment:
         return np.stack([record.theta_rad for record in records], axis=2)
 
     def by_solve_ivp(self, method: str, rtol: float) -> np.ndarray:
-        """The same by scipy: one call per control sample, for the held torque jumps there."""
+        """The same by scipy: one call per control sample, because the held torque jumps there."""
         loop = _Loop(self)
         columns = self.frequencies_hz.size * 2
         if not self.friction:

@@ -127,7 +127,7 @@ def row(
 
 
 def bound(records: list[SineRecord], robot: RobotModel) -> Table:
-    """Cramér-Rao bound of K and D where friction is known but for its levels, by the motors' equations.
+    """Cramér–Rao bound of K and D where friction is known but for its levels, by the motors' equations.
 
     The amplitudes of the motors are nuisance parameters.
     """
@@ -159,7 +159,7 @@ def bound(records: list[SineRecord], robot: RobotModel) -> Table:
         rows.append(
             {"prior": std} | {f"{k}{j + 1} %": least[n * (k == "D") + j] for k in "KD" for j in range(n)}
         )
-    return Table("six_axes", "Cramér-Rao bound", dict.fromkeys(rows[0], ".3f"), tuple(rows))
+    return Table("six_axes", "Cramér–Rao bound", dict.fromkeys(rows[0], ".3f"), tuple(rows))
 
 
 def measure(quick: bool) -> Iterator[Table]:

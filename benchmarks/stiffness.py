@@ -115,8 +115,8 @@ def _case(friction: str, effort: Effort) -> Table:
 NOTE = (
     "Errors: root mean square over the campaigns, and their standard deviation σ, in % of the truth. "
     "Times begin at the records; the grey boxes in frequency get the phasors of the fundamental only, "
-    "which is all they use. The grey box in time knows the robot's friction law and integrates it as "
-    "the simulator does, which it could not with a real robot."
+    "which is all they use. The grey box in time knows the robot's friction law, which is "
+    "unknown for a real robot, and integrates it as the simulator does."
 )
 
 

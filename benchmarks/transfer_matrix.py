@@ -87,9 +87,9 @@ def measure(quick: bool) -> list[Table]:
 JOINTID = ("**jointid** phasors, (17)-(18)", "stepped sine")
 NOTE = (
     "Error: of each element of H against the model's own response, median and largest over frequencies "
-    "and elements. All that see whole periods use the data equally well; Hann windows smear the "
-    "resonances. jointid by default searches 31 harmonics for friction and gives the noise of H, which "
-    "the others do not; with harmonics=1 it does what they do, and gives the noise."
+    "and elements. All estimators that see whole periods use the data equally well; Hann windows smear "
+    "the resonances. jointid by default searches 31 harmonics for friction and gives the noise of H, "
+    "which the others do not; with harmonics=1 it does what they do, and gives the noise."
 )
 
 

@@ -59,7 +59,7 @@ ALARM = ("warning", "problem")
 HARDLY_KNOWN, MISSED = "poorly determined", "The frequencies miss"
 """Parts of the titles of findings that name missing records."""
 WELL_KNOWN = 0.01
-"""Relative Cramér-Rao bound up to which "poorly determined" is a false alarm."""
+"""Relative Cramér–Rao bound up to which "poorly determined" is a false alarm."""
 AT_ONCE = 16
 """Studies that are simulated together, to bound the memory."""
 
@@ -86,7 +86,7 @@ class Outcome:
         return not self.alarms and bool(np.any(~(np.abs(self.z) <= SILENT)))
 
     def false_alarm(self, least: Array) -> bool:
-        """Whether there is an alarm, the data being perfect and the relative bound ``least``."""
+        """Whether there is an alarm, for perfect data with the relative bound ``least``."""
         excused = (MISSED,) if least.max() < WELL_KNOWN else (MISSED, HARDLY_KNOWN)
         return any(not any(part in title for part in excused) for title in self.alarms)
 
@@ -177,7 +177,7 @@ def case_row(name: str, case: Case, runs: int, *, perfect: bool = False) -> Row:
 
 
 def least(campaign: Campaign, std: float = INERTIA_STD) -> Array:
-    """Relative Cramér-Rao bound of K and D, shape (2n,), for inertias with a prior and no friction."""
+    """Relative Cramér–Rao bound of K and D, shape (2n,), for inertias with a prior and no friction."""
     robot = campaign.robot
     return bound(robot, campaign.experiment, campaign.M, campaign.M2, std) / robot.answer
 
@@ -355,7 +355,7 @@ def paper_fit(study: Study) -> object:
 
 TABLES: dict[str, tuple[str, Mapping[str, str], Callable[[int], Iterator[Row]]]] = {
     "perfect": ("Studies that fit the model", CASES, case_rows(PERFECT, perfect=True)),
-    "cases": ("Robots that leave the ideal model: the thirteen cases", CASES, case_rows(THIRTEEN)),
+    "cases": ("Robots that deviate from the ideal model: thirteen cases", CASES, case_rows(THIRTEEN)),
     "others": ("Further deviations", CASES, case_rows(OTHERS)),
     "combined": ("Several deviations at once", CASES, case_rows(COMBINED)),
     "sticking": ("Sticking friction", CASES, case_rows(STICKING)),

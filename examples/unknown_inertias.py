@@ -1,4 +1,4 @@
-"""Inertias wrong by 5 to 12 % and torques by 4 %: the accuracy with a prior and with a known payload."""
+"""Inertias wrong by 5 to 11 % and torques by 4 %: the accuracy with a prior and with a known payload."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Logs in the formats of controllers, measurement systems and tools; each one of our own making."""
+"""Logs in the formats of controllers, measurement systems and tools; all of our own making."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Files whose every text contains markup for a picture, a link, a formula or bold, and its detection.
 
-Nothing listens at the address, but a browser that reads one of these texts as markup asks for it.
+Nothing listens at the address, but a browser that reads one of these texts as markup requests it.
 """
 
 from __future__ import annotations

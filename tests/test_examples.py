@@ -1,4 +1,4 @@
-"""The scripts of examples/ run and print the results that their README states."""
+"""The scripts of examples/ run and print numbers, and their README lists all of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Import in Chromium, from the upload to the report, by keys, with a reload and a kill in between."""
+"""Import in Chromium, from the upload to the report, by keyboard, with a reload and a kill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mapping of columns: units and back, sides of the gear, guesses with reasons, JSON."""
+"""Mapping of columns: units in both directions, sides of the gear, guesses with reasons, JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records larger than memory: reading in parts gives the answer of reading at once."""
+"""Records larger than memory: reading in parts gives the same answer as reading at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of the analysis of motions on their own: sampling, spectra, waveforms and terms of the ends."""
+"""Parts of the analysis of motions on their own: sampling, spectra, waveforms and end terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The residual of the fit: zero for robots that have its effects, with the derivatives of a residual."""
+"""The residual of the fit: zero for robots that have its effects, with correct derivatives."""
 
 from __future__ import annotations
 

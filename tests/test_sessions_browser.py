@@ -1,6 +1,6 @@
-"""Simultaneous users, each with an own study: no session shows data of another.
+"""Simultaneous users, each with a study of their own: no session shows data of another.
 
-Twenty real browsers weigh more than the server that is tested, so that the sessions speak its protocol.
+Twenty real browsers would load the machine more than the server, so the sessions speak its protocol.
 """
 
 from __future__ import annotations
