@@ -287,7 +287,7 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
     make = problem if evidence.has_motions and freedom < 1 else warning
     yield make(
         "The records hardly test the model",
-        f"{counted(len(evidence.records), 'record')} give "
+        f"{counted(len(evidence.records), 'record')} give{'s' * (len(evidence.records) == 1)} "
         + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
         + " more equations than unknowns: an effect that the model lacks may go unnoticed.",
         "Add records at other frequencies.",
