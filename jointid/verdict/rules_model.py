@@ -288,8 +288,8 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
     yield make(
         "The records hardly test the model",
         f"{counted(len(evidence.records), 'record')} give{'s' * (len(evidence.records) == 1)} "
-        + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
-        + " more equations than unknowns: an effect that the model lacks may go unnoticed.",
+        + ("no more equations" if freedom < 1 else f"only {counted(int(freedom), 'more equation')}")
+        + " than unknowns: an effect that the model lacks may go unnoticed.",
         "Add records at other frequencies.",
         0.3,
     )
