@@ -14,7 +14,7 @@ from jointid import (
 )
 
 TRUE = Inertia(M=[0.0025, 0.0010], M2=[[0.0041, 0.0004], [0.0004, 0.0019]])
-PAYLOAD = np.array([[0.0012, 0.0005], [0.0005, 0.0009]])  # Jᵀ m J at the motor side, kg·m²
+PAYLOAD = np.array([[0.0012, 0.0005], [0.0005, 0.0009]])  # Jᵀ m J on the motor side, kg·m²
 SPRINGS = Elasticity(K=[43.0, 7.5], D=[0.10, 0.015])
 FREQUENCIES_HZ = np.linspace(3, 28, 9)
 NOISE = Measurement(encoder_counts=65536, torque_noise_Nm=0.01, torque_gain=1.04)

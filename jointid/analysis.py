@@ -30,7 +30,7 @@ from jointid.verdict.findings import Evidence, Finding, ends_early, findings, li
 from jointid.verdict.motion_findings import arm_side_findings, at_odds, motion_findings
 
 USABLE, WITH_CARE, NOT_USABLE = "usable", "usable with care", "not usable"
-MOTORS_ALONE = "The motors alone give no K and D"
+MOTORS_ALONE = "The motors alone give neither K nor D"
 SENSORS_FAIL = "The sensors behind the gears give no K"
 UNUSABLE_MOTORS = "The answer of the motors is not usable"
 Found = TypeVar("Found")

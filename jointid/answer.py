@@ -140,7 +140,7 @@ def friction_note(fit: ElasticityFit) -> str:
     negative = [found for found in quantities(fit).get("viscous", ()) if found.value < 0]
     if not negative:
         return ""
-    joints = enumerated([f"joint {found.joints[0]}" for found in negative])
+    joints = joints_text(found.joints[0] for found in negative)
     if all(found.value > -AGREEING * found.error for found in negative):
         return f"The negative viscous friction of {joints} is consistent with 0."
     return (
@@ -197,11 +197,11 @@ def gear_terms(fit: ElasticityFit, joint: int, unit: StiffnessUnit = AT_MOTOR) -
 
 def without_curve(fit: ElasticityFit) -> str:
     """Say which joints have no measured torsion curve, and why; empty if all have one."""
-    names = [f"joint {j}" for j, c in enumerate(fit.torsion_curves, start=1) if not c.torque_Nm.size]
-    if not names:
+    joints = [j for j, c in enumerate(fit.torsion_curves, start=1) if not c.torque_Nm.size]
+    if not joints:
         return ""
     return (
-        f"No measured torsion curve of {enumerated(names)}: it needs motion above the locked "
+        f"No measured torsion curve of {joints_text(joints)}: it needs motion above the locked "
         "resonance. The line is the fitted law up to the largest torque."
     )
 

@@ -158,7 +158,7 @@ def test_a_log_after_a_finished_import_is_named_and_to_be_checked(kept: Store) -
     at = send(drop(begun(), ("one.csv", long_log())), "0.001", "0.003")
     at = shown(at.switch_page(PAGE).run())
     at = drop(at, ("two.csv", long_log(ratio=2.0)))
-    assert any("two.csv is added to the logs of the finished import" in w.value for w in at.warning)
+    assert any("drive data and inertias: two.csv." in w.value for w in at.warning)
     widget(at, "button", "Start a new import").click()
     at = shown(at.run())
     assert not [b for b in at.selectbox if b.label.startswith("Position")]

@@ -186,7 +186,7 @@ class TestTheServoBefore:
 
     @pytest.mark.parametrize(
         ("assumption", "said"),
-        [("study", r"\[nominal\] of the study"), ("custom", "custom gives no"), ("best", '"soft"')],
+        [("study", r"study's \[nominal\] has no"), ("custom", "custom controller"), ("best", '"soft"')],
     )
     def test_missing_values_are_stated(self, assumption: Any, said: str) -> None:
         with pytest.raises(JointIdError, match=said):

@@ -333,7 +333,7 @@ def test_arm_inertia_on_the_arm_side_is_named() -> None:
     gears = np.outer([100.0, 90.0], [100.0, 90.0])
     found = fault(measured(), Inertia(SERIAL.M, SERIAL.M2 * gears))
     assert found is not None
-    assert found.title == "M2 seems to be given at the joint side"
+    assert found.title == "M2 seems to be given on the joint side"
     assert "gear ratios of about 100 and 90, M2 fits" in found.detail
 
 
@@ -714,7 +714,7 @@ def test_an_outlier_is_sought_among_four_others_or_one_more_than_joints(
 def test_the_stiffness_of_other_records_may_be_negative_with_the_wrong_one() -> None:
     found = one_off(logged([1, 33.0], row=3))
     assert found is not None
-    assert found[1].detail.startswith("With it, the fit has no positive stiffness; without it")
+    assert found[1].detail.startswith("With this record, the fit has no positive stiffness; without it")
 
 
 @pytest.mark.parametrize(

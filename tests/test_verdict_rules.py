@@ -329,7 +329,13 @@ def test_errors_of_five_and_twenty_per_cent_by_noise_are_large(
 
 @pytest.mark.parametrize(
     ("freedom", "detail"),
-    [(4.0, None), (3.9, "only 3 more"), (1.0, "only 1 more"), (0.9, "no more"), (0.0, "no more")],
+    [
+        (4.0, None),
+        (3.9, "only 3 more equations than"),
+        (1.0, "only 1 more equation than"),
+        (0.9, "no more equations"),
+        (0.0, "no more equations"),
+    ],
 )
 def test_few_degrees_of_freedom_are_reported(freedom: float, detail: str | None) -> None:
     hz = np.array([3.0, 3.1])
@@ -338,6 +344,8 @@ def test_few_degrees_of_freedom_are_reported(freedom: float, detail: str | None)
     found = list(rules_model.hardly_tested(given))
     assert [detail in finding.detail for finding in found] == ([True] if detail else [])
     assert levels(found) == ["warning"] * (detail is not None)
+    given.records = [0]
+    assert all("1 record gives " in found.detail for found in rules_model.hardly_tested(given))
     given.has_motions = True  # whose noise is that of the residual
     level = "problem" if freedom < 1 else "warning"
     assert levels(rules_model.hardly_tested(given)) == [level] * (detail is not None)
@@ -1086,6 +1094,10 @@ def test_a_joint_at_rest_is_reported_where_its_stiffness_is_unknown(
         assert finding.title == "Joint 2 rests for much of the motion"
         assert ("do not determine K2" in finding.detail) == bool(np.isinf(error))
         assert finding.weight % 10 == pytest.approx(min(error, 1.0))
+    fit.errors.K[0] = error * fit.K[0]
+    for finding in motion_findings._joints_at_rest(fit, np.array([0.9, share])):
+        which = "Joints 1 and 2 rest" if level else "Joint 1 rests"
+        assert finding.title == f"{which} for much of the motion"
     fit.friction = None
     assert not list(motion_findings._joints_at_rest(fit, np.array([0.9, 0.9])))
 

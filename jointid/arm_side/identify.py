@@ -85,7 +85,7 @@ def identify_arm_side(
     Returns
     -------
     ArmSideFit
-        K of every joint, N·m/rad at the joint side; NaN with a reason where undetermined.
+        K of every joint, N·m/rad on the joint side; NaN with a reason where undetermined.
 
     Raises
     ------

@@ -27,7 +27,7 @@ _MODULE = "jointid.background.pool"
 _LIMITS = Limits(time_s=3600.0)
 _START_WAIT_S = 20.0  # wait for a process that is starting; it loads the numerical libraries, s
 _BACK_OFF_S = 30.0  # back-off after a failed start, s
-_LOOK_S = 0.2  # interval at which a waiting call looks whether it was stopped, s
+_LOOK_S = 0.2  # interval at which a waiting call checks whether it was stopped, s
 
 
 class NoWorkerError(Exception):

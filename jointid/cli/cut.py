@@ -18,7 +18,7 @@ def cut(
     study: Annotated[
         Path | None,
         typer.Argument(
-            parser=named, help="Study or sample; default: the paper's K, D on the example arm."
+            parser=named, help="Study or sample; default: the paper's K and D on the example arm."
         ),
     ] = None,
     zones_mm: Annotated[

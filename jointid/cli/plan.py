@@ -26,8 +26,13 @@ if TYPE_CHECKING:
 
 COUNT = typer.Option(min=1, max=50, help="Number of records.")
 DURATION = typer.Option(help="Length of each record, s.")
-TORQUE_LIMIT = numbers_option("Largest motor torques, N·m; default: the largest in the study.")
-VELOCITY_LIMIT = numbers_option("Largest motor velocities, rad/s; default: the largest in the study.")
+TORQUE_LIMIT = numbers_option(
+    "Largest motor torques, friction included, N·m; default: the largest in the study."
+)
+VELOCITY_LIMIT = numbers_option(
+    "Largest velocities of motors and arm, motor side, rad/s; with --motion, of the motors only; "
+    "default: the largest in the study."
+)
 MOTION = typer.Option(
     help="Motion in place of sines: sweep, multisine, random (band-limited) or moves (point to point)."
 )

@@ -199,8 +199,8 @@ def assumed_elasticity(
         return Elasticity(K=ratio * robot.elasticity.K, D=robot.elasticity.D)
     chosen = robot.nominal if assumption == "study" else custom
     if chosen is None:
-        what = "[nominal] of the study" if assumption == "study" else "custom"
-        raise JointIdError(f"{what} gives no K and D: add them, or choose another nominal controller.")
+        what = "The study's [nominal]" if assumption == "study" else "The custom controller"
+        raise JointIdError(f"{what} has no K and D: add them, or choose another nominal controller.")
     require_two_joints(chosen, "nominal controller")
     return _scaled(chosen, np.array(robot.scale)) if assumption == "custom" else chosen
 

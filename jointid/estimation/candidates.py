@@ -60,7 +60,7 @@ class Model:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Parts of the model beside K and D: "friction", "delay", keys of ``EFFECTS``."""
+        """Parts of the model besides K and D: "friction", "delay", keys of ``EFFECTS``."""
         friction = ("friction",) if self.reversal is not None else ()
         return (*friction, *(("delay",) if self.delay else ()), *self.effects)
 
@@ -142,7 +142,7 @@ class Candidate:
     friction explain the fundamentals."""
     chosen: bool
     parts: tuple[str, ...] = ()
-    """Its parts beside K and D, see ``Model.parts``."""
+    """Its parts besides K and D, see ``Model.parts``."""
 
 
 @dataclass(frozen=True, eq=False)

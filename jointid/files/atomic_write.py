@@ -25,7 +25,7 @@ def new_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
     The data reach the disk before the name does: after a crash or a power cut ``path`` holds the old
     content or the new one. A ``private`` file is readable by this user only. Raises OSError when it
-    cannot be written; the file of before is unchanged.
+    cannot be written; the previous file is unchanged.
     """
     remove_left_over(path.parent)
     fresh = path.with_name(f".{secrets.token_hex(8)}.new")

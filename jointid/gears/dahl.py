@@ -54,7 +54,7 @@ class DahlSteps(NamedTuple):
 def dahl(delta: Floats, sharpness: Floats, starts: np.ndarray | None = None) -> Floats:
     """z over deflections (n, N); the sharpness is one over the presliding, shape (n, 1).
 
-    A part of a record begins with z as if it had moved on as in its first step, if that is no slow one:
+    A part of a record begins with z as if it had moved on as in its first step, unless that is slow:
     a motion that is recorded from its middle slides. ``starts``, (N,), is as in ``DahlSteps.of``; by
     default all is one part. Over a period that repeats, see ``periodic_dahl``.
     """

@@ -41,7 +41,7 @@ _FIRST, _STARTS, _BEGUN = 6, 3, 0.01
 """Steps at the start of a motion whose smoothed velocity is inaccurate; most Gauss-Newton steps for its
 state, and their change of the deflection, over the largest, that ends them."""
 _SAME_MOTION = 0.1
-"""Difference of angles over the largest that tells another motion."""
+"""Difference of angles over the largest that indicates another motion."""
 _WHOLE, _WINDOW, _SHORTEST, _MOST = 10, 2000, 8, 1200
 """Newton steps over the whole motion; after them, it is solved in windows of that many steps, or of
 fewer where they do not converge; the most for each window: far hardening took over 600."""

@@ -3,7 +3,7 @@
 The motion of an arm follows from the records in two ways. The gear's torque f, which the balance at the
 motor leaves, winds it up by δ, K δ + D δ̇ = f, and the arm moves by δ less than the motor: right for any
 arm, but with the noise of the torque. And the motor drives the arm, M2 θ̈_a = K δ + D δ̇ − F sign θ̇_a:
-without that noise, but only as right as M2, K, D and F. The difference of the torques over the noise
+without that noise, but only as accurate as M2, K, D and F. The difference of the torques over the noise
 decides between them.
 """
 

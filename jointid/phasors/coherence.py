@@ -90,9 +90,10 @@ def coherent_band(record: JointRecord) -> tuple[float, float]:
         raise JointIdError(
             f"{record.label or 'The record'}: torque and motion are not coherent over a band: their "
             f"coherence is {share[best].max():.2f} at most, at {frequency[best]:.3g} Hz, and "
-            f"{_COHERENT:g} is needed at {_GAP} neighbouring lines with a motion above the noise, "
-            f"{frequency[1] - frequency[0]:.2g} Hz apart. Record longer or larger motions. If the "
-            "coherence is near 0, torque and angle may belong to different motors."
+            f"{_COHERENT:g} is needed at {_GAP} neighbouring lines, "
+            f"{frequency[1] - frequency[0]:.2g} Hz apart, with a motion above the noise. "
+            "Record longer or larger motions. If the coherence is near 0, torque and angle may belong "
+            "to different motors."
         )
     first, last = max(runs, key=lambda run: frequency[run[1] - 1] / frequency[run[0]])
     return float(frequency[first]), float(frequency[last - 1])

@@ -1,7 +1,7 @@
 """Figures 3-5 and 7 of the paper as drawings for the report.
 
 Drawn without a plotting library: plotly exports through a browser, matplotlib adds tens of MB, and none
-scales the height of a figure without its texts, by which the PDF fills its pages.
+scales the height of a figure without scaling its texts, which the PDF needs to fill its pages.
 """
 
 from collections.abc import Mapping, Sequence

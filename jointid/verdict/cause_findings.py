@@ -130,7 +130,7 @@ _MOST_OF_INERTIAS = 10.0
 """Factor from which M and M2 are an unlikely cause."""
 _WHOLE: dict[str, tuple[str, str, str, Action]] = {
     "inertia": (
-        "M2 seems to be given at the joint side",
+        "M2 seems to be given on the joint side",
         "Converted with gear ratios of about {gears}, M2 fits the torques at low frequency.",
         "Enter M2 as a joint-side value, or divide element ij of M2 in study.toml by N_i·N_j, the gear "
         "ratios of joints i and j.",

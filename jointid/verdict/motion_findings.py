@@ -29,7 +29,16 @@ from jointid.verdict.rules_records import (
 )
 from jointid.verdict.rules_skew import joints_apart
 from jointid.verdict.wrong_data import wrong_data
-from jointid.wording import counted, enumerated, joints_text, minus, percent, significant, with_error
+from jointid.wording import (
+    capitalised,
+    counted,
+    enumerated,
+    joints_text,
+    minus,
+    percent,
+    significant,
+    with_error,
+)
 
 _RESTS, _LOOSELY = 0.35, 0.01
 """Share of the time at rest and relative standard error of K from which a joint is reported."""
@@ -54,8 +63,8 @@ _DRIVEN = (
 )
 _CHECK_SIGN = "Check the columns of these torques in the log, and reverse their sign."
 _UNCHECKED = (
-    "These records do not check their gear ratios, which K of the other joints depends on: compare them "
-    "with the data sheet, or turn each joint by a known angle."
+    "The records do not check the gear ratios of joints without a sensor, on which K of the others "
+    "depends: compare them with the data sheet, or turn each of these joints by a known angle."
 )
 _ZEROS = "The zero position{} of {} look{} wrong"
 _CHECK_ZEROS = (
@@ -219,7 +228,7 @@ def arm_side_findings(
             ends = [end(left_out_rad) * _ARC_SECONDS for end in (np.nanmin, np.nanmax)]
             most = " to ".join(dict.fromkeys(significant(float(end), 2) for end in ends))
             detail += (
-                " The fit predicts the deflection in records that it left out with an error of "
+                " In records left out of the fit, it predicts the deflection with an error of "
                 f"{most} seconds of arc (rms)."
             )
         which = joints_text(np.flatnonzero(known) + 1)
@@ -278,14 +287,13 @@ def _joints_at_rest(fit: ElasticityFit, shares: Floats) -> Iterator[Finding]:
     known = fit.errors.K / np.abs(fit.K)
     joints = np.flatnonzero((shares > _RESTS) & (known > _LOOSELY))
     if joints.size:
-        j = int(joints[np.argmax(known[joints])])
+        j, which = int(joints[np.argmax(known[joints])]), capitalised(joints_text(joints + 1))
         result = f"do not determine K{j + 1}."
         if np.isfinite(known[j]):
             result = f"determine K{j + 1} with a standard error of {percent(known[j])}."
         make = problem if np.any(undetermined(fit)[joints]) else warning
         yield make(
-            f"{some([f'Joint {k + 1}' for k in joints])} rest{'s' * (joints.size == 1)} for much of the "
-            "motion",
+            f"{which} rest{'s' * (joints.size == 1)} for much of the motion",
             f"Motor {j + 1} hardly moves for {percent(shares[j])} of the time. While friction holds "
             "it, its torque carries no information on K. The other joints and its short moves " + result,
             f"Move joint {j + 1} faster or farther, with torques well above its friction, so that it "

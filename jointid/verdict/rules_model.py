@@ -287,9 +287,9 @@ def hardly_tested(evidence: Evidence) -> Iterator[Finding]:
     make = problem if evidence.has_motions and freedom < 1 else warning
     yield make(
         "The records hardly test the model",
-        f"{counted(len(evidence.records), 'record')} give "
-        + ("no" if freedom < 1 else f"only {number(np.floor(freedom))}")
-        + " more equations than unknowns: an effect that the model lacks may go unnoticed.",
+        f"{counted(len(evidence.records), 'record')} give{'s' * (len(evidence.records) == 1)} "
+        + ("no more equations" if freedom < 1 else f"only {counted(int(freedom), 'more equation')}")
+        + " than unknowns: an effect that the model lacks may go unnoticed.",
         "Add records at other frequencies.",
         0.3,
     )

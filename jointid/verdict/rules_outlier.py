@@ -123,8 +123,8 @@ def _fit_without(
 ) -> tuple[ElasticityFit, list[Inertia]] | None:
     """Fit without one record, and inertias of all; None if the others do not fit either.
 
-    The residual of inaccurate inertias and of friction hides that of a wrong record. Where one stands
-    ``alone``, or without it far less is left, and simple models come near the others, all are tried.
+    Inaccurate inertias and friction may hide a wrong record. All models are tried if its residual
+    ``alone`` is large, or the misfit without it far smaller, and simple models nearly fit the others.
     """
     others = np.delete(np.arange(evidence.phasors.omega.size), row)
     phasors, prior = evidence.phasors.select(others), evidence.fit.prior.of_rows(others)
@@ -223,8 +223,8 @@ def _contradicting(evidence: Evidence, row: int, scale: Floats, whole: float, le
     title, cause, remedy, is_known = _outlier_text(evidence.phasors.labels[row], scale)
     return problem(
         title,
-        f"With it, {before}; without it, the residual of the other {evidence.phasors.omega.size - 1} "
-        f"records is {times_noise(left)}. {cause}",
+        f"With this record, {before}; without it, the residual of the other "
+        f"{evidence.phasors.omega.size - 1} records is {times_noise(left)}. {cause}",
         remedy,
         10.0,
         "edit runs",

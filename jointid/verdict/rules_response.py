@@ -86,12 +86,13 @@ def _controller_peak(
     worst = max(foreign, key=lambda p: alone[p] / H[p])
     others = [i + 1 for i in range(evidence.fit.n) if i != j]
     whose = f"joint {others[0]}" if len(others) == 1 else "the other joints"
+    peaks = "resonance is the peak" if len(elastic) == 1 else "resonances are the peaks"
     return note(
         f"The peak of joint {j + 1} at {number(frequency[worst])} Hz comes from the controller "
         f"of {whose}",
         f'In the single record "{evidence.phasors.labels[records[worst]]}", acceleration over torque '
         f"is {number(alone[worst] / H[worst], 2)} times H{j + 1}{j + 1}, which has no peak at this "
-        f"frequency. The elastic resonance is the peak of H{j + 1}{j + 1} at "
+        f"frequency. The elastic {peaks} of H{j + 1}{j + 1} at "
         f"{some([f'{number(frequency[t])} Hz' for t in elastic])}.",
         "No action needed: K and D are fitted jointly. Do not read them off the response of a single "
         "record.",

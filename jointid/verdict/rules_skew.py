@@ -2,8 +2,8 @@
 
 A joint that is logged late by t has its position and torque times e^{-st}: its own balance is unchanged,
 and its coupling to the others has a wrong phase. One step of the fit shows the misfit for other times,
-and a parabola through three of them the best time. In motions, the terms of a segment's ends absorb what
-enters and leaves it by so short a time.
+and a parabola through three of them the best time. In motions, the end terms of a segment absorb
+the samples that so short a shift moves into and out of it.
 """
 
 from collections.abc import Iterator

@@ -90,8 +90,8 @@ def clearest_pair(columns: Sequence[NamedColumn], reasons: list[Reason]) -> list
     moves = [c for c in columns if np.nanmax(c.column.values) > np.nanmin(c.column.values)]
     varying = moves or [*columns]
     if len(varying) < 2:
-        text = f"{counted(len(varying), 'column')} with changing values besides time: a log needs two."
-        reasons.append(Reason("joints", text))
+        found = f"{counted(len(varying), 'column')} with changing values besides time"
+        reasons.append(Reason("joints", f"{found}: a log needs at least two."))
     pair: list[LogColumn] = []
     for role in _OTHER:
         pair.append(best_column(varying, role))

@@ -139,7 +139,7 @@ def drifts_of(spreads: Sequence[Spread], joint: int) -> Drifts:
 def _drift_in_words(drift: Drift, drifts: Drifts) -> str:
     change, error = (100 * value for value in drift.per_year)
     if not np.isfinite(change):
-        return f": at least {MIN_VALUES} dates are needed for a trend"
+        return f"needs at least {MIN_VALUES} dates for a trend"
     if not _is_clear(drift, drifts):
         return f"has no drift beyond its scatter, ± {significant(error, 2)} % per year"
     return f"{_trend(drift)}, relative to the trend at the median date"

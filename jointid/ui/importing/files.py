@@ -108,7 +108,7 @@ def offer_new_import(forget: Callable[[], None]) -> None:
     st.button(_NEW_IMPORT, on_click=_close, args=(forget,), help=hint)
     if added := st.session_state.get(_ADDED):
         show_warning(
-            f"{added} is added to the logs of the finished import, with its drive data and inertias. "
+            f"Added to the logs of the finished import, with its drive data and inertias: {added}. "
             f'For another robot or measurement, click "{_NEW_IMPORT}" and drop the new log again.'
         )
 

@@ -24,8 +24,8 @@ _SOUGHT = (
 def markdown_escape(text: object) -> str:
     """Return Markdown that shows a text, what ``str`` makes of it, unchanged, line by line.
 
-    No emphasis, link, image, address to click, formula, icon, colour or HTML comes of it. What Markdown
-    would leave alone is left alone: names such as theta_m1_rad, numbers and units.
+    The result has no emphasis, link, image, address to click, formula, icon, colour or HTML. Text that
+    Markdown leaves alone stays unchanged: names such as theta_m1_rad, numbers and units.
     """
     lines = (_line(line.strip()) for line in str(text).splitlines())
     return "  \n".join(line for line in lines if line)
