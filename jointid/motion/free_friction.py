@@ -29,6 +29,8 @@ class FreeFriction:
 
     groups: tuple[tuple[np.ndarray, Complexes], ...] = ()
     """Indices of the records, shape (g,), and their waveforms, (g, H, n, k), padded with zeros."""
+    sized: int = 0
+    """Number of last waveforms of every group with standard deviation 1, motor by motor."""
     ends: tuple[np.ndarray, Complexes] | None = None
     """Indices of some records, shape (m,), and further columns, (m, H, n, k)."""
     bases: tuple[Basis, ...] = ()
@@ -41,36 +43,45 @@ class FreeFriction:
         """Collect the waveforms of the records, each at its own first bins of H.
 
         ``sizes``, shape (r, n), are the standard deviations of the bounded ones, and ``levels``, (r, H,
-        n, c), others of standard deviation 1; the complement takes them as noise. Only it knows that
-        the friction of a reversal is one torque in all bins.
+        n, c), others of standard deviation 1. Only the complement, which takes both as noise, knows
+        that the friction of a reversal is one torque in all bins.
         """
         counts = np.array([own.count for own in records], dtype=int)
         _, H, n, differing = levels.shape
-        if differing or any(each.shape[1] for own in records for each in own.bounded):
+        if any(each.shape[1] for own in records for each in own.bounded):
             bases = tuple(own.basis.sized(size) for own, size in zip(records, sizes, strict=True))
             if differing:
                 bases = tuple(map(Basis.with_levels, bases, levels))
             return cls(bases=bases, shapes=int(sum(basis.freed.sum() for basis in bases)))
         doublings = np.ceil(np.log2(np.maximum(counts, 1))).astype(int)
         groups = []
-        for doubling in np.unique(doublings[counts > 0]).tolist():
-            members = np.flatnonzero((doublings == doubling) & (counts > 0))
-            padded = np.zeros((members.size, H, n, counts[members].max()), complex)
+        used = (counts > 0) | (differing > 0)
+        for doubling in np.unique(doublings[used]).tolist():
+            members = np.flatnonzero((doublings == doubling) & used)
+            padded = np.zeros((members.size, H, n, counts[members].max() + n * differing), complex)
+            of_motors = np.sqrt(2) * levels[members][:, :, :, None] * np.eye(n)[..., None]
+            padded[..., counts[members].max() :] = of_motors.reshape(members.size, H, n, -1)
             for place, member in zip(padded, members.tolist(), strict=True):
                 first = 0
                 for j, own in enumerate(records[member].free):
                     place[: len(own), j, first : first + own.shape[1]] = own
                     first += own.shape[1]
             groups.append((members, padded))
-        return cls(tuple(groups), shapes=int(counts.sum()))
+        return cls(tuple(groups), n * differing, shapes=int(counts.sum()))
 
     def with_columns(self, records: np.ndarray, columns: Complexes) -> FreeFriction:
         """Project columns (m, H, n, k) of some records (m,) out as well."""
         return replace(self, ends=(records, columns))
 
     def scaled(self, scale: Floats) -> FreeFriction:
-        """With bounded waveforms of other sizes, by factors (n,)."""
-        return replace(self, bases=tuple(basis.sized(scale) for basis in self.bases))
+        """With other standard deviations, by factors (n,), where they are known."""
+        sizes = np.repeat(scale, self.sized // scale.size)
+
+        def by(each: Complexes) -> Complexes:
+            return each * np.pad(sizes, (each.shape[3] - self.sized, 0), constant_values=1.0)
+
+        groups = tuple((k, by(each)) for k, each in self.groups)
+        return replace(self, groups=groups, bases=tuple(basis.sized(scale) for basis in self.bases))
 
     def moved(self, factor: Complexes) -> FreeFriction:
         """The waveforms of the records times phase factors (r, H, n): at other times."""
@@ -83,8 +94,8 @@ class FreeFriction:
         if complement:
             columns = [Columns.of(np.array([k]), each[None]) for k, each in complement.columns()]
         else:
-            columns = [Columns.of(k, real_rows(W[k] @ each)) for k, each in self.groups]
-        free = Projection(W, tuple(columns), complement)
+            columns = [Columns.of(k, self._real_rows(W[k] @ each)) for k, each in self.groups]
+        free = Projection(W, tuple(columns), complement, self.sized)
         if self.ends is None:
             return free
         records, shapes = self.ends
@@ -93,6 +104,12 @@ class FreeFriction:
         left, size = free.rows(whole)[records], np.linalg.norm(W[records] @ shapes, axis=(1, 2))
         left *= np.linalg.norm(left, axis=1, keepdims=True) > np.sqrt(DEPENDENT) * size[:, None]
         return replace(free, ends=Columns.of(records, left))
+
+    def _real_rows(self, waveforms: Complexes) -> Floats:
+        """Real rows of whitened waveforms; an amplitude of known size is a measurement of zero."""
+        rows, k = real_rows(waveforms), waveforms.shape[3]
+        measured = np.broadcast_to(np.eye(k)[k - self.sized :], (len(rows), self.sized, k))
+        return np.concatenate([rows, measured], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +178,15 @@ class Projection:
     """Columns of disjoint groups of records."""
     complement: Complement | None
     """Coordinates of the rows; bins by default."""
+    sized: int = 0
+    """Number of further rows: amplitudes with a standard deviation, beside the bins."""
     ends: Columns | None = None
     """Further columns, orthogonal to the others."""
 
     def _coordinates(self, values: Complexes) -> Floats:
-        return self.complement.rows(values) if self.complement else real_rows(self.W @ values)
+        if self.complement:
+            return self.complement.rows(values)
+        return np.pad(real_rows(self.W @ values), ((0, 0), (0, self.sized), (0, 0)))
 
     def rows(self, values: Complexes) -> Floats:
         """Whitened rows (r, m, c) of values (r, H, n, c) without their part in the waveforms.
@@ -181,8 +202,8 @@ class Projection:
         """Rows (r, m, c) of the complement as complex values of all bins, shape (r, H, n, c)."""
         if self.complement:
             return np.asarray(self.W @ (self.complement.V @ self.complement.weighted(rows)))
-        half = rows.shape[1] // 2
-        return np.asarray((rows[:, :half] + 1j * rows[:, half:]).reshape(*self.W.shape[:3], -1))
+        real, imaginary = np.split(rows[:, : rows.shape[1] - self.sized], 2, axis=1)
+        return np.asarray((real + 1j * imaginary).reshape(*self.W.shape[:3], -1))
 
     def first_sizes(self, values: Complexes, count: int) -> Floats:
         """Amplitudes (r, count) of the first of the further columns in values (r, H, n, 1)."""
@@ -198,7 +219,7 @@ class Projection:
         found = self.ends.rank() if self.ends else 0.0
         if self.complement:  # its columns may have a known size
             return round(found + float(sum(basis.freed.sum() for basis in self.complement.bases)))
-        return round(found + sum(each.rank() for each in self.columns))
+        return round(found + sum(each.rank() - each.records.size * self.sized for each in self.columns))
 
     def noise_left(self, known: Floats) -> Floats:
         """Degrees of freedom (r, n) of the noise that the projection leaves, of those known, (r, 1)."""
@@ -214,15 +235,29 @@ class Projection:
             return found
         taken = np.zeros((len(self.W), 2 * self.W.shape[1] * n))
         for each in (*self.columns, *([self.ends] if self.ends else [])):
-            taken[each.records] += each.leverage()
+            taken[each.records] += each.leverage(taken.shape[1])
         return np.asarray(known - taken.reshape(len(taken), -1, n).sum(axis=1))
 
     def explained(self, values: Complexes) -> Complexes:
         """Free friction in the values (r, H, n, 1) in use, shape (r, H, n)."""
-        free = self.W @ values - self.whitened(self.rows(values))
+        return self._torque(self.W @ values - self.whitened(self.rows(values)))
+
+    def of_known_size(self, values: Complexes) -> Complexes:
+        """Its part of known standard deviations, shape (r, H, n)."""
+        if self.complement:
+            return self.complement.bounded_friction(self.rows(values)[..., 0])
+        rows = self._coordinates(values)
+        found = np.zeros_like(rows)
+        for each in self.columns:
+            own = each.free[..., each.free.shape[2] - self.sized :]
+            sizes = each.sizes(rows[each.records])
+            found[each.records] = own @ sizes[:, sizes.shape[1] - self.sized :]
+        return self._torque(self.whitened(found))
+
+    def _torque(self, whitened: Complexes) -> Complexes:
         used = np.diagonal(self.W, axis1=2, axis2=3) != 0
         back = inverse(self.W + np.eye(self.W.shape[-1]) * ~used[..., None])
-        return np.asarray(np.where(used, (back @ free)[..., 0], 0))
+        return np.asarray(np.where(used, (back @ whitened)[..., 0], 0))
 
 
 def real_rows(values: Complexes) -> Floats:

@@ -73,7 +73,7 @@ class WhitenedResidual:
         free = problem.free
         if free.shapes and "position_filter" in problem.layout:
             free = free.moved(np.asarray(friction_advance(problem, at.p)))
-        if free.bases and "torque_scale" in problem.layout:
+        if "torque_scale" in problem.layout:
             free = free.scaled(at.p["torque_scale"])
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
@@ -102,9 +102,9 @@ class WhitenedResidual:
         if self.free.shapes and "position_filter" in layout:
             moved = self.at.by_position_filter(self.free_friction() - self._ends())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
-        if self.projection.complement and "torque_scale" in layout:
+        if (self.projection.complement or self.free.sized) and "torque_scale" in layout:
             # Unknown friction is a part of the logged torque and has its scale.
-            own = self.projection.complement.bounded_friction(self.rows) / self.at.p.torque_scale
+            own = self.projection.of_known_size(self.at.r[..., None]) / self.at.p.torque_scale
             J[..., layout["torque_scale"]] -= own[..., None] * np.eye(own.shape[2])
         return J
 
@@ -151,11 +151,11 @@ class WhitenedResidual:
     def misfit_by_harmonic(self, rank: int) -> Floats:
         """Cost over expected cost of each group of rows, (G,); rank is that of the free friction.
 
-        Coordinates of a complement belong to no bin: its groups have the misfit of all.
+        Coordinates of a complement and known amplitudes belong to no bin: all groups have one misfit.
         """
         problem = self.at.problem
         measured = problem.used.sum(axis=1)[:, None] * problem.known
-        if self.projection.complement:
+        if self.projection.complement or self.free.sized:
             squares = measured * (self.cost / max(float(measured.sum()), 1.0))
         else:
             squares = (self.rows**2).reshape(len(self.rows), 2, -1, problem.n).sum(axis=(1, 3))
