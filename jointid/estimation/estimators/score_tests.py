@@ -157,8 +157,11 @@ def scores_with_changes(
     noise: Noise,
     parts: Sequence[str],
 ) -> dict[str, Score]:
-    """Scores of the parts, and of absent changes of the gears that explain more than any of them."""
-    may_change = phasors.omega.size >= _FEWEST
+    """Scores of the parts, and of absent changes of the gears that explain more than any of them.
+
+    None beside a link mode: further modes, which the model lacks, look like such changes.
+    """
+    may_change = phasors.omega.size >= _FEWEST and "link" not in estimate.layout
     sought = [n for n in CHANGES if may_change and n not in parts and n not in estimate.layout]
     found = scores(phasors, prior, estimate, friction, noise, [*parts, *sought])
     by_chance = 0.5 * chdtri(3 * prior.n, _CHANCE) * max(1.0, estimate.misfit)  # three per joint
