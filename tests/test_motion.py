@@ -823,7 +823,7 @@ def test_the_jacobian_behind_hardening_gears_in_motion(monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("effects", [(), ("position_filter",)])
 def test_the_gradient_is_that_of_the_cost_where_the_motors_travel_far(effects: tuple[str, ...]) -> None:
-    """Against central differences: unknown friction has the scale of the torque, the ends have not.
+    """Against central differences: unknown friction has the scale of the torque, the end terms do not.
 
     They were taken for friction. Where the motors end turns away from their start, the error of the
     torque scale was several times too small, and the fit crept along it.

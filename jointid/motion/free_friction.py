@@ -88,6 +88,14 @@ class FreeFriction:
         groups = tuple((k, each * factor[k][..., None]) for k, each in self.groups)
         return replace(self, groups=groups, bases=tuple(map(Basis.moved, self.bases, factor)))
 
+    def of_known_size(self, rows: Floats) -> Complexes:
+        """Torque (r, H, n) by waveforms of standard deviation 1, for the rows that are left, (r, m)."""
+        found = np.zeros((len(rows), *self.groups[0][1].shape[1:3]), complex)
+        for k, each in self.groups:
+            amplitudes = -rows[k, rows.shape[1] - self.sized :]
+            found[k] = np.einsum("ghnk,gk->ghn", each[..., each.shape[3] - self.sized :], amplitudes)
+        return found
+
     def projection(self, W: Complexes, V: Complexes) -> Projection:
         """Return the projection for the whitening matrices W of the covariances V, (r, H, n, n)."""
         complement = Complement.of(self.bases, V) if self.bases else None
@@ -240,24 +248,10 @@ class Projection:
 
     def explained(self, values: Complexes) -> Complexes:
         """Free friction in the values (r, H, n, 1) in use, shape (r, H, n)."""
-        return self._torque(self.W @ values - self.whitened(self.rows(values)))
-
-    def of_known_size(self, values: Complexes) -> Complexes:
-        """Its part of known standard deviations, shape (r, H, n)."""
-        if self.complement:
-            return self.complement.bounded_friction(self.rows(values)[..., 0])
-        rows = self._coordinates(values)
-        found = np.zeros_like(rows)
-        for each in self.columns:
-            own = each.free[..., each.free.shape[2] - self.sized :]
-            sizes = each.sizes(rows[each.records])
-            found[each.records] = own @ sizes[:, sizes.shape[1] - self.sized :]
-        return self._torque(self.whitened(found))
-
-    def _torque(self, whitened: Complexes) -> Complexes:
+        free = self.W @ values - self.whitened(self.rows(values))
         used = np.diagonal(self.W, axis1=2, axis2=3) != 0
         back = inverse(self.W + np.eye(self.W.shape[-1]) * ~used[..., None])
-        return np.asarray(np.where(used, (back @ whitened)[..., 0], 0))
+        return np.asarray(np.where(used, (back @ free)[..., 0], 0))
 
 
 def real_rows(values: Complexes) -> Floats:

@@ -104,8 +104,10 @@ class WhitenedResidual:
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
         if (self.projection.complement or self.free.sized) and "torque_scale" in layout:
             # Unknown friction is a part of the logged torque and has its scale.
-            own = self.projection.of_known_size(self.at.r[..., None]) / self.at.p.torque_scale
-            J[..., layout["torque_scale"]] -= own[..., None] * np.eye(own.shape[2])
+            complement = self.projection.complement
+            own = (complement.bounded_friction if complement else self.free.of_known_size)(self.rows)
+            by_scale = (own / self.at.p.torque_scale)[..., None] * np.eye(own.shape[2])
+            J[..., layout["torque_scale"]] -= by_scale
         return J
 
     def _ends(self) -> Complexes:
