@@ -295,7 +295,8 @@ def _best(search: Search) -> Model:
             best, before = exchanged(search, best), best
             if best == before:
                 break
-    is_open = not (search.is_lost or search.is_full(best))
+    # Beside friction that differs from record to record, no law explains few of them.
+    is_open = not (search.is_lost or search.is_full(best) or best.differs)
     if (found := fits.estimate(best)) and found.misfit > EXPLAINED and is_open:
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)
         if highest > _LEFT * found.cost and not search.explains_little:
