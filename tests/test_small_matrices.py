@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.motion.complement import Waveforms
-from jointid.motion.free_friction import FreeFriction, real_rows
+from jointid.motion.free_friction import FreeFriction, Projection, real_rows
 from jointid.small_matrices import (
     decaying,
     determined_covariance,
@@ -114,7 +114,7 @@ def test_waveforms_of_known_size_are_noise() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 5])  # the third motor does not keep its bins
 def test_levels_are_waveforms_of_standard_deviation_one(count: int) -> None:
-    """Beside as many free waveforms, and with a torque scale."""
+    """Beside as many free waveforms, and with a torque scale and its derivative."""
     rng, H, n = np.random.default_rng(6), 6, 2
 
     def shapes(columns: int) -> list[np.ndarray]:
@@ -124,12 +124,29 @@ def test_levels_are_waveforms_of_standard_deviation_one(count: int) -> None:
     V = np.eye(n) * np.array([1.0, 4.0]) + 0.1 * np.ones((1, H, n, n)) + 0j
     free, levels = shapes(count), shapes(2)
     none, known = [each[:, :0] for each in levels], np.ones((H, n), bool)
-    costs, r = [], rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
+    r, scale = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1)), [1.0, 3.0]
+    results = []
     for bounded, differing in ((levels, none), (none, levels)):
         record, own = Waveforms(free, bounded, known), np.stack(differing, axis=1)[None]
-        found = FreeFriction.of([record], np.ones((1, n)), own).scaled(np.array([1.0, 3.0]))
-        costs.append((found.projection(whitener(V), V).rows(r) ** 2).sum())
-    assert costs[0] == pytest.approx(costs[1], rel=1e-9)
+        plain = FreeFriction.of([record], np.ones((1, n)), own)
+
+        def projected(
+            scale: list[float], plain: FreeFriction = plain
+        ) -> tuple[FreeFriction, Projection]:
+            found = plain.scaled(np.array(scale))
+            return found, found.projection(whitener(V), V)
+
+        found, projection = projected(scale)
+        left, costs = (
+            projection.rows(r),
+            [(projected([1.0, b])[1].rows(r) ** 2).sum() for b in (2.999, 3.001)],
+        )
+        complement = projection.complement
+        torque = (complement.bounded_friction if complement else found.of_known_size)(left[..., 0])
+        by_scale = projection.rows((torque * [0.0, 1 / 3.0])[..., None])  # -2 of the derivative
+        assert -2 * (left * by_scale).sum() == pytest.approx(np.diff(costs)[0] / 0.002, rel=1e-5)
+        results.append([(left**2).sum(), projection.rank(), *projection.explained(r).ravel()])
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-9)
 
 
 def test_a_singular_covariance_has_a_finite_whitener() -> None:
