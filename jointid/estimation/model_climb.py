@@ -26,10 +26,9 @@ _OTHER_LAWS = 2.0
 _COMPLETE = (("cubic", "hysteresis"), ("backlash", "hysteresis"), ("cubic", "backlash"))
 """Laws of the gears that are fitted at once."""
 _NEAR = 0.5
-"""Ratio of the misfits of a cubic law and of linear gears below which slopes are tried: 0.01 to 0.4 with
-three slopes, mostly more with wrong data."""
+"""Misfit of a cubic law over that of linear gears below which slopes are tried: they give up to 0.4."""
 _LEADING, _ALONE = 0.1, 2.0
-"""Score over the cost, and over the next score, from which a part is fitted far from the data: gravity
+"""Score over the cost, and over the next score, from which a part is fitted before growth: gravity
 beside friction has 0.13 to 0.28, further parts 0.02; of wrong data several parts are alike."""
 _RIVAL = 0.3
 """Score over the highest from which a law with start values of its own is fitted to motions."""
@@ -184,9 +183,8 @@ def _fit_law(search: Search, wider: Model, start: Parameters) -> None:
 def fit_complete(search: Search) -> None:
     """Fit two laws of the gears at once, beside friction, where growth part by part stays far off.
 
-    Every model on the way to several laws and friction may be far from the data, and a wrong part may
-    come nearer than a right one. The complete model still converges from the first start values; its
-    narrower models do from its estimate.
+    Every model on the way may be far from the data, and a wrong part may come nearer than a right one.
+    The complete model converges from the first start values; its narrower ones do from its estimate.
     """
     fits, sliding = search.fits, replace(search.base, reversal=0.0)
     if search.has_two_laws or not (search.is_distorted and search.may_have_friction):
@@ -304,12 +302,14 @@ def climbed(search: Search, model: Model, ratio: float = _CLIMB) -> Model:
         plain = fits.criterion(judged=False)
         nearest = freed(search, min(wider, key=lambda each: plain.get(each, np.inf)))
         there, least = fits.estimate(nearest), min(least, fits.misfit(nearest))
-        gains = [score.gain for score in search.scores(nearest).values()]
-        promises = there and max(gains, default=0.0) > NEARLY_ALL * there.cost
+        highest = max((score.gain for score in search.scores(nearest).values()), default=0.0)
+        promises = there and highest > NEARLY_ALL * there.cost
         is_wrong = search.is_lost and nearest.is_slow and search.gives_up_late()
         if is_wrong or least == np.inf or (least >= ratio * found.misfit and not promises):
             break
         model = nearest
+        if there and there.misfit < DOUBTFUL and highest < _LEADING * there.cost:
+            break  # growth tries richer friction first
     if not search.is_lost:
         search.pruned(model)  # friction that it needed on the way may have lost its significance
     return fits.least()

@@ -33,7 +33,7 @@ from jointid.phasors.periods import samples_of
 
 _FILTER = 3e-3
 """Time constant of a filter where its score is evaluated beside a delay, as of ``Problem.start``."""
-_CLEARLY, _ALONE, _CHANCE = 0.5, 10.0, 1e-3
+_CLEARLY, _ALONE, _CHANCE = 0.5, 10.0, 1e-6
 """Share of the misfit beyond noise that a change of the gears must explain to count, as robots that
 change are rare; ratio to any other part from which half of that suffices (link modes in the band had 5);
 and probability that it does on a robot that does not change."""
