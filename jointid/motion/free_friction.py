@@ -116,6 +116,8 @@ class FreeFriction:
     def _real_rows(self, waveforms: Complexes) -> Floats:
         """Real rows of whitened waveforms; an amplitude of known size is a measurement of zero."""
         rows, k = real_rows(waveforms), waveforms.shape[3]
+        if not self.sized:
+            return rows
         measured = np.broadcast_to(np.eye(k)[k - self.sized :], (len(rows), self.sized, k))
         return np.concatenate([rows, measured], axis=1)
 
@@ -194,7 +196,8 @@ class Projection:
     def _coordinates(self, values: Complexes) -> Floats:
         if self.complement:
             return self.complement.rows(values)
-        return np.pad(real_rows(self.W @ values), ((0, 0), (0, self.sized), (0, 0)))
+        rows = real_rows(self.W @ values)
+        return np.pad(rows, ((0, 0), (0, self.sized), (0, 0))) if self.sized else rows
 
     def rows(self, values: Complexes) -> Floats:
         """Whitened rows (r, m, c) of values (r, H, n, c) without their part in the waveforms.

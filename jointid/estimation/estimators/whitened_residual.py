@@ -73,7 +73,7 @@ class WhitenedResidual:
         free = problem.free
         if free.shapes and "position_filter" in problem.layout:
             free = free.moved(np.asarray(friction_advance(problem, at.p)))
-        if "torque_scale" in problem.layout:
+        if (free.sized or free.bases) and "torque_scale" in problem.layout:
             free = free.scaled(at.p["torque_scale"])
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
