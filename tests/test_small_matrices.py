@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointid.motion.complement import Waveforms
-from jointid.motion.free_friction import FreeFriction, Projection, real_rows
+from jointid.motion.free_friction import FreeFriction, real_rows
 from jointid.small_matrices import (
     decaying,
     determined_covariance,
@@ -124,27 +124,21 @@ def test_levels_are_waveforms_of_standard_deviation_one(count: int) -> None:
     V = np.eye(n) * np.array([1.0, 4.0]) + 0.1 * np.ones((1, H, n, n)) + 0j
     free, levels = shapes(count), shapes(2)
     none, known = [each[:, :0] for each in levels], np.ones((H, n), bool)
-    r, scale = rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1)), [1.0, 3.0]
-    results = []
+    results, r = [], rng.standard_normal((1, H, n, 1)) + 1j * rng.standard_normal((1, H, n, 1))
     for bounded, differing in ((levels, none), (none, levels)):
         record, own = Waveforms(free, bounded, known), np.stack(differing, axis=1)[None]
         plain = FreeFriction.of([record], np.ones((1, n)), own)
 
-        def projected(
-            scale: list[float], plain: FreeFriction = plain
-        ) -> tuple[FreeFriction, Projection]:
-            found = plain.scaled(np.array(scale))
-            return found, found.projection(whitener(V), V)
+        def rows(second: float, plain: FreeFriction = plain) -> np.ndarray:
+            return plain.scaled(np.array([1.0, second])).projection(whitener(V), V).rows(r)
 
-        found, projection = projected(scale)
-        left, costs = (
-            projection.rows(r),
-            [(projected([1.0, b])[1].rows(r) ** 2).sum() for b in (2.999, 3.001)],
-        )
-        complement = projection.complement
+        found = plain.scaled(np.array([1.0, 3.0]))
+        projection = found.projection(whitener(V), V)
+        left, complement = projection.rows(r), projection.complement
         torque = (complement.bounded_friction if complement else found.of_known_size)(left[..., 0])
-        by_scale = projection.rows((torque * [0.0, 1 / 3.0])[..., None])  # -2 of the derivative
-        assert -2 * (left * by_scale).sum() == pytest.approx(np.diff(costs)[0] / 0.002, rel=1e-5)
+        by_scale = projection.rows((torque * [0.0, 1 / 3.0])[..., None])
+        slope = ((rows(3.001) ** 2).sum() - (rows(2.999) ** 2).sum()) / 0.002
+        assert -2 * (left * by_scale).sum() == pytest.approx(slope, rel=1e-5)
         results.append([(left**2).sum(), projection.rank(), *projection.explained(r).ravel()])
     np.testing.assert_allclose(results[0], results[1], rtol=1e-9)
 

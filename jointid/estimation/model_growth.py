@@ -21,6 +21,7 @@ from jointid.estimation.estimators.parameters import (
     LAWS,
 )
 from jointid.estimation.estimators.score_tests import Score
+from jointid.estimation.estimators.whitened_residual import DRIVEN_LAWS
 from jointid.estimation.model_fits import stepped
 from jointid.estimation.model_search import POOR, Search
 
@@ -209,7 +210,7 @@ def _extensions(search: Search, model: Model) -> list[Model]:
     explained = found.misfit <= EXPLAINED
     laws = [part for part in clear if part in LAWS][: 1 if explained else _TRIED_LAWS]
     tried = [part for part in clear if part in laws or part not in LAWS]
-    if explained and (model.is_slow or "arm_coulomb" in model.effects or fits.rows > MANY_ROWS):
+    if explained and (fits.rows > MANY_ROWS or not set(DRIVEN_LAWS).isdisjoint(model.effects)):
         tried = tried[:1]
     if search.has_motions and model.is_slow:
         tried = tried[:_TRIED_LAWS]

@@ -295,7 +295,7 @@ def _best(search: Search) -> Model:
             best, before = exchanged(search, best), best
             if best == before:
                 break
-    # Beside friction that differs from record to record, no law explains few of them.
+    # Complete models have one level of friction, and come no nearer than friction of each record.
     is_open = not (search.is_lost or search.is_full(best) or best.differs)
     if (found := fits.estimate(best)) and found.misfit > EXPLAINED and is_open:
         highest = max((score.gain for score in search.scores(best).values()), default=0.0)

@@ -38,6 +38,11 @@ class FreeFriction:
     shapes: int = 0
     """Number of waveforms; their rank may be smaller."""
 
+    @property
+    def has_known_sizes(self) -> bool:
+        """Whether the standard deviations of some waveforms are known."""
+        return bool(self.sized or self.bases)
+
     @classmethod
     def of(cls, records: Sequence[Waveforms], sizes: Floats, levels: Complexes) -> FreeFriction:
         """Collect the waveforms of the records, each at its own first bins of H.

@@ -73,7 +73,7 @@ class WhitenedResidual:
         free = problem.free
         if free.shapes and "position_filter" in problem.layout:
             free = free.moved(np.asarray(friction_advance(problem, at.p)))
-        if (free.sized or free.bases) and "torque_scale" in problem.layout:
+        if free.has_known_sizes and "torque_scale" in problem.layout:
             free = free.scaled(at.p["torque_scale"])
         if problem.ends is not None:
             free = free.with_columns(problem.ends.records, problem.ends.columns(at.X @ at.arm))
@@ -102,7 +102,7 @@ class WhitenedResidual:
         if self.free.shapes and "position_filter" in layout:
             moved = self.at.by_position_filter(self.free_friction() - self._ends())
             J[..., layout["position_filter"]] -= moved[..., None] * np.eye(moved.shape[2])
-        if (self.projection.complement or self.free.sized) and "torque_scale" in layout:
+        if self.free.has_known_sizes and "torque_scale" in layout:
             # Unknown friction is a part of the logged torque and has its scale.
             complement = self.projection.complement
             own = (complement.bounded_friction if complement else self.free.of_known_size)(self.rows)
@@ -157,7 +157,7 @@ class WhitenedResidual:
         """
         problem = self.at.problem
         measured = problem.used.sum(axis=1)[:, None] * problem.known
-        if self.projection.complement or self.free.sized:
+        if self.free.has_known_sizes:
             squares = measured * (self.cost / max(float(measured.sum()), 1.0))
         else:
             squares = (self.rows**2).reshape(len(self.rows), 2, -1, problem.n).sum(axis=(1, 3))
